@@ -1,0 +1,232 @@
+"""Where bobs touch: geometry, impacts, and contacts that persist.
+
+Along a chain of bobs the contacts couple only neighbours, so every simultaneous problem is tridiagonal: with M_i
+the mobility of bob i (velocity per impulse) and n_p the unit vector from bob p to p + 1,
+
+    D_pp = n_p . (M_p + M_{p+1}) n_p,     D_{p,p+1} = -n_p . M_{p+1} n_{p+1}.
+
+M is 1/m on elastic strings; a rigid string lets a bob move along its tangent only.
+"""
+
+import math
+
+from cradle_env.mechanics.jit import jit
+from cradle_env.mechanics.parameters import (
+    ACTIVE,
+    DIAGONAL,
+    FORCE,
+    LINK,
+    PRESSED,
+    RESOLVED,
+    SOLUTION,
+    UPPER,
+    VALUE,
+    WANTED,
+)
+
+#: Bobs are in touch from this overlap on [m]: far below any gap that matters, far above rounding, so that a
+#: pair that has just parted is never found touching again by its last digit.
+CONTACT = 1e-11
+#: Bobs nearer than this [m] are struck as one group.
+TOUCHING = 1e-9
+#: A pressed pair whose bounce would not rise beyond this [m] is in persistent contact.
+LEAST_BOUNCE = 1e-6
+
+
+@jit
+def place(cradle, bob, x, z, vx, vz):
+    """Position and velocity (x, z, v_x, v_z) of a bob in the plane, SI, z upwards from the pivots."""
+    if cradle.elastic:
+        return bob.pivot + x, z, vx, vz
+    v = bob.length * vx
+    if cradle.large_angle:
+        sin, cos = math.sin(x), math.cos(x)
+        return bob.pivot + bob.length * sin, -bob.length * cos, v * cos, v * sin
+    return bob.pivot + bob.length * x, 0.0, v, 0.0
+
+
+@jit
+def pair_at(cradle, bobs, p, x0, z0, vx0, vz0, x1, z1, vx1, vz1):
+    """`pair` for the states of the two bobs."""
+    x0, z0, vx0, vz0 = place(cradle, bobs[p], x0, z0, vx0, vz0)
+    x1, z1, vx1, vz1 = place(cradle, bobs[p + 1], x1, z1, vx1, vz1)
+    dx, dz, vx, vz = x1 - x0, z1 - z0, vx1 - vx0, vz1 - vz0
+    distance = math.sqrt(dx * dx + dz * dz)
+    nx, nz = dx / distance, dz / distance
+    v_t = nx * vz - nz * vx
+    return distance - 2.0 * cradle.radius, nx, nz, nx * vx + nz * vz, v_t * v_t / distance
+
+
+@jit
+def pair(cradle, bobs, p, A, c):
+    """(gap, n_x, n_z, v_n, v_t^2 / distance) of bobs p and p + 1, their motion in A from column c on.
+
+    gap [m] between the surfaces, unit vector from p to p + 1, speed [m/s] at which the gap opens, and the
+    centripetal term [m/s^2] with which it opens at constant velocities.
+    """
+    q = p + 1
+    return pair_at(
+        cradle, bobs, p,
+        A[p, c], A[p, c + 1], A[p, c + 2], A[p, c + 3], A[q, c], A[q, c + 1], A[q, c + 2], A[q, c + 3],
+    )  # fmt: skip
+
+
+@jit
+def tangent(cradle, theta):
+    """(t_x, t_z): the direction in which a rigid string lets its bob move."""
+    if cradle.large_angle:
+        return math.cos(theta), math.sin(theta)
+    return 1.0, 0.0
+
+
+@jit
+def mobility(cradle, bobs, i, A, c, ax, az, bx, bz):
+    """a . M b of bob i for two vectors, 1/kg times their units."""
+    if cradle.elastic:
+        return (ax * bx + az * bz) / bobs[i].mass
+    tx, tz = tangent(cradle, A[i, c])
+    return (ax * tx + az * tz) * (bx * tx + bz * tz) / bobs[i].mass
+
+
+@jit
+def yielding(cradle, bobs, p, A, c, nx, nz):
+    """D_pp: how fast pair p opens per impulse along n [1/kg]."""
+    return mobility(cradle, bobs, p, A, c, nx, nz, nx, nz) + mobility(cradle, bobs, p + 1, A, c, nx, nz, nx, nz)
+
+
+@jit
+def push(cradle, bobs, i, A, c, T, k, jx, jz):
+    """Adds M j to two components of bob i, T[i, k] and T[i, k + 1]; its motion stands in A from column c on.
+
+    j is an impulse where T holds velocities, a force for accelerations, kg m for coordinates.
+    """
+    if cradle.elastic:
+        T[i, k] += jx / bobs[i].mass
+        T[i, k + 1] += jz / bobs[i].mass
+    else:
+        tx, tz = tangent(cradle, A[i, c])
+        T[i, k] += (jx * tx + jz * tz) / (bobs[i].mass * bobs[i].length)
+
+
+@jit
+def push_apart(cradle, bobs, p, A, c, T, k, nx, nz, j):
+    """Pushes the bobs of pair p apart by j along n; see `push`."""
+    push(cradle, bobs, p, A, c, T, k, -j * nx, -j * nz)
+    push(cradle, bobs, p + 1, A, c, T, k, j * nx, j * nz)
+
+
+@jit
+def acceleration(cradle, bobs, i, A, c, R, rate):
+    """Acceleration (x, z) of bob i in the plane [m/s^2]; its derivative stands in R from column `rate` on."""
+    if cradle.elastic:
+        return R[i, rate + 2], R[i, rate + 3]
+    tx, tz = tangent(cradle, A[i, c])
+    along = bobs[i].length * R[i, rate + 2]
+    inwards = bobs[i].length * A[i, c + 2] * A[i, c + 2] if cradle.large_angle else 0.0
+    return along * tx - inwards * tz, along * tz + inwards * tx
+
+
+@jit
+def opening(cradle, bobs, p, A, c, R, rate):
+    """Second derivative [m/s^2] of the gap of pair p."""
+    _, nx, nz, _, spread = pair(cradle, bobs, p, A, c)
+    ax, az = acceleration(cradle, bobs, p, A, c, R, rate)
+    bx, bz = acceleration(cradle, bobs, p + 1, A, c, R, rate)
+    return nx * (bx - ax) + nz * (bz - az) + spread
+
+
+@jit
+def solve_chain(cradle, bobs, lo, hi, A, c, W):
+    """Solves D x = W[:, WANTED] over the pairs of bobs lo..hi-1 with W[p, ACTIVE]; x = 0 for the others.
+
+    The motion stands in A from column c on, the solution goes to W[:, SOLUTION]. Thomas algorithm.
+    """
+    nx0, nz0, coupled = 0.0, 0.0, False
+    for p in range(lo, hi - 1):
+        W[p, SOLUTION] = 0.0
+        if W[p, ACTIVE] == 0.0:
+            coupled = False
+            continue
+        _, nx, nz, _, _ = pair(cradle, bobs, p, A, c)
+        d = yielding(cradle, bobs, p, A, c, nx, nz)
+        v = W[p, WANTED]
+        W[p, UPPER] = 0.0
+        if coupled:
+            off = -mobility(cradle, bobs, p, A, c, nx0, nz0, nx, nz)
+            W[p - 1, UPPER] = off
+            factor = off / W[p - 1, DIAGONAL]
+            d -= factor * off
+            v -= factor * W[p - 1, VALUE]
+        W[p, DIAGONAL], W[p, VALUE] = d, v
+        nx0, nz0, coupled = nx, nz, True
+    following = 0.0
+    for p in range(hi - 2, lo - 1, -1):
+        if W[p, ACTIVE] == 0.0:
+            following = 0.0
+        else:
+            following = (W[p, VALUE] - W[p, UPPER] * following) / W[p, DIAGONAL]
+            W[p, SOLUTION] = following
+
+
+@jit
+def apply_chain(cradle, bobs, lo, hi, A, c, W, T, k):
+    """Pushes the bobs of every pair apart by W[p, SOLUTION] along n_p; see `push`."""
+    for p in range(lo, hi - 1):
+        if W[p, SOLUTION] != 0.0:
+            _, nx, nz, _, _ = pair(cradle, bobs, p, A, c)
+            push_apart(cradle, bobs, p, A, c, T, k, nx, nz, W[p, SOLUTION])
+
+
+@jit
+def kuwabara_kono(cradle, overlap, speed):
+    """Contact force [N] of eq. 1, with the stiffness scaled so that a contact lasts `contact_scale` times as
+    long at the same e(v)."""
+    if overlap <= 0.0:
+        return 0.0
+    root = math.sqrt(overlap)
+    k_el = cradle.k_el * cradle.contact_scale**-2.5
+    k_f = cradle.k_f * cradle.contact_scale**-1.5
+    return max(0.0, root * (k_el * overlap + k_f * speed))
+
+
+@jit
+def contact_forces(cradle, bobs, lo, hi, S, W, A, c, R, rate):
+    """Adds the contact forces within a group to its derivative and leaves them in W[:, FORCE] [N].
+
+    Persistent contacts: the force that keeps the gap closed, whatever its sign (the loop ends a contact whose
+    force turns negative). Resolved contacts: eq. 1, never attractive; what it takes is booked with bob p.
+    """
+    pressed = False
+    for p in range(lo, hi - 1):
+        W[p, FORCE] = 0.0
+        if S[p, LINK] == PRESSED:
+            pressed = True
+        elif S[p, LINK] == RESOLVED:
+            gap, nx, nz, v_n, _ = pair(cradle, bobs, p, A, c)
+            force = kuwabara_kono(cradle, -gap, -v_n)
+            push_apart(cradle, bobs, p, A, c, R, rate + 2, nx, nz, force)
+            R[p, rate + 5] = -force * v_n
+            W[p, FORCE] = force
+    if pressed:
+        for p in range(lo, hi - 1):
+            W[p, ACTIVE] = S[p, LINK] == PRESSED
+            if W[p, ACTIVE] != 0.0:
+                W[p, WANTED] = -opening(cradle, bobs, p, A, c, R, rate)
+        solve_chain(cradle, bobs, lo, hi, A, c, W)
+        apply_chain(cradle, bobs, lo, hi, A, c, W, R, rate + 2)
+        for p in range(lo, hi - 1):
+            if W[p, ACTIVE] != 0.0:
+                W[p, FORCE] = W[p, SOLUTION]
+
+
+@jit
+def close_gaps(cradle, bobs, lo, hi, S, W, c):
+    """Takes out what integration leaves of gap and opening speed (some 1e-13) in the persistent contacts of the
+    bobs lo..hi-1, whose motion stands in S from column c on."""
+    for offset in (0, 2):
+        for p in range(lo, hi - 1):
+            W[p, ACTIVE] = S[p, LINK] == PRESSED
+            gap, _, _, v_n, _ = pair(cradle, bobs, p, S, c)
+            W[p, WANTED] = -gap if offset == 0 else -v_n
+        solve_chain(cradle, bobs, lo, hi, S, c, W)
+        apply_chain(cradle, bobs, lo, hi, S, c, W, S, c + offset)

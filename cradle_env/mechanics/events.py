@@ -1,0 +1,270 @@
+"""The simulation loop: every group of bobs flies on its own segment; the earliest event is next.
+
+An event is the end of a segment or the meeting of two neighbours. It ends the segments of the bobs it concerns,
+changes their velocities, strings or contacts, and lays their next segments; nobody else is touched.
+"""
+
+import math
+
+import numpy as np
+
+from cradle_env.mechanics.contact import pair
+from cradle_env.mechanics.flight import plan
+from cradle_env.mechanics.forces import radius_and_speed
+from cradle_env.mechanics.impact import chain, settle, two_body
+from cradle_env.mechanics.jit import entry, jit
+from cradle_env.mechanics.meeting import locate, predict, step_to, touching
+from cradle_env.mechanics.motion import between, derivative
+from cradle_env.mechanics.parameters import (
+    BRANCH,
+    DIM,
+    DUE,
+    END,
+    FIRST,
+    IMPACTS,
+    LAST,
+    LINK,
+    LOSS,
+    LOST,
+    MEETING,
+    MULTI_BODY,
+    OPEN,
+    OUT,
+    PART,
+    RATE0,
+    RATE1,
+    RELEASE,
+    RESOLVED,
+    S_REF,
+    SAMPLED,
+    SCRATCH,
+    SETTLED,
+    SLACK,
+    START,
+    T0,
+    T1,
+    T_REF,
+    TAUT,
+    TURN,
+    TURNS,
+    UNLOADING,
+    WHOSE,
+    WORK,
+)
+from cradle_env.mechanics.strings import stretch, turn, work_between
+
+# What a run can end with.
+DONE, FULL, STALLED, NOT_FINITE = 0, 1, 2, 3
+# So many events without this much progress [s] are a stall.
+_STALL_EVENTS, _STALL_TIME = 20000, 1e-7
+
+
+@entry
+def run(cradle, bobs, table, S, until, times, motion, energy, impacts, count):
+    """Advances the state S past `until` [s] and samples it.
+
+    times (T,) s, ascending; motion (T, N, 4): theta, r, their rates; energy (T, N, 3) J: taken by drag, taken by
+    the contact with the next bob while followed in time, given to the strings (or of length 0: not wanted);
+    impacts (M, 4): time, pair from 0, approach speed, energy taken; the first `count` rows are in use.
+    Returns (DONE | FULL | STALLED | NOT_FINITE, rows in use); after FULL the same call goes on.
+    """
+    W = np.zeros((len(bobs), SCRATCH))
+    events, progress = 0, -1.0
+    while True:
+        bob, end, p, meeting = next_event(S)
+        now = min(end, meeting)
+        if now > until:
+            break
+        if len(impacts) - count < len(bobs):
+            return FULL, count
+        events += 1
+        if now - progress > _STALL_TIME:
+            events, progress = 0, now
+        if events > _STALL_EVENTS:
+            return STALLED, count
+        if meeting <= end:
+            lo, hi, count = meet(cradle, bobs, table, S, W, p, times, motion, energy, impacts, count)
+        else:
+            lo, hi = finish(cradle, bobs, S, W, bob, times, motion, energy)
+        if not fly_on(cradle, bobs, S, W, lo, hi):
+            return NOT_FINITE, count
+    for i in range(len(bobs)):
+        sample(cradle, bobs, S, i, until, True, times, motion, energy)
+    return DONE, count
+
+
+@entry
+def begin(cradle, bobs, S):
+    """Lays the first segments from START at T0 and finds which contacts persist. Returns whether all is finite."""
+    n = len(bobs)
+    W = np.zeros((n, SCRATCH))
+    for i in range(n):
+        S[i, FIRST], S[i, LAST] = i, i + 1
+        derivative(cradle, bobs, S, W, i, i + 1, S[i, T0], S, START, S, RATE0)
+    settle(cradle, bobs, S, W, 0, n)
+    regroup(cradle, bobs, S, W, 0, n)
+    return fly_on(cradle, bobs, S, W, 0, n)
+
+
+@jit
+def next_event(S):
+    """(bob, end) of the segment that ends first, (pair, instant) of the meeting that comes first."""
+    bob, p, end, meeting = 0, 0, S[0, T1], S[0, MEETING]
+    for i in range(1, len(S)):
+        if S[i, T1] < end:
+            bob, end = i, S[i, T1]
+        if S[i, MEETING] < meeting:
+            p, meeting = i, S[i, MEETING]
+    return bob, end, p, meeting
+
+
+@jit
+def fly_on(cradle, bobs, S, W, lo, hi):
+    """Lays the next segment of every group among the bobs lo..hi-1 and looks for meetings with neighbours."""
+    i = lo
+    while i < hi:
+        if not plan(cradle, bobs, S, W, int(S[i, FIRST]), int(S[i, LAST])):
+            return False
+        i = int(S[i, LAST])
+    for p in range(max(lo - 1, 0), min(hi, len(bobs) - 1)):
+        S[p, MEETING] = predict(cradle, bobs, S, p)
+    return True
+
+
+@jit
+def finish(cradle, bobs, S, W, bob, times, motion, energy):
+    """Ends the segment of a bob's group where it was planned to end. Returns the range of bobs to fly on."""
+    lo, hi = int(S[bob, FIRST]), int(S[bob, LAST])
+    cause, whose = S[lo, DUE], int(S[lo, WHOSE])
+    for i in range(lo, hi):
+        arrive(cradle, bobs, S, i, S[i, T1], S, END, times, motion, energy)
+        for c in range(DIM):
+            S[i, RATE0 + c] = S[i, RATE1 + c]
+    if cause == TURN:
+        turn_string(cradle, bobs[whose], S, whose, 1.0 if S[whose, BRANCH] == UNLOADING else -1.0)
+    elif cause == TAUT:
+        turn_string(cradle, bobs[whose], S, whose, 1.0 if S[whose, BRANCH] == SLACK else -1.0)
+    elif cause == RELEASE or cause == PART:
+        S[whose, LINK] = OPEN
+        regroup(cradle, bobs, S, W, lo, hi)
+    return lo, hi
+
+
+@jit
+def arrive(cradle, bobs, S, i, t, A, c, times, motion, energy):
+    """Makes the motion in A, from column c on, bob i's new start at time t [s]; takes the samples due before."""
+    sample(cradle, bobs, S, i, t, False, times, motion, energy)
+    if cradle.elastic:
+        S[i, WORK] += string_work(cradle, bobs[i], S, i, radius_and_speed(cradle, bobs[i], A, i, c)[0])
+    for k in range(DIM):
+        S[i, START + k] = A[i, c + k]
+    S[i, T0] = t
+
+
+@jit
+def turn_string(cradle, bob, S, i, direction):
+    """Switches the branch of bob i's strings for a radius that goes in `direction`; books what they lost."""
+    s = stretch(bob, radius_and_speed(cradle, bob, S, i, START)[0] ** 2)
+    if S[i, BRANCH] == SLACK or cradle.hysteretic == 0 or (S[i, BRANCH] == UNLOADING and s < 1e-9):
+        s = 0.0  # at the event of zero stretch, located to rounding
+    if turn(cradle, bob, S, i, s, direction):
+        S[i, TURNS] += 1.0
+        if S[i, BRANCH] == SLACK:
+            S[i, LOST] = S[i, WORK]
+
+
+@jit
+def turn_after_impact(cradle, bobs, S, lo, hi):
+    """Puts the strings of the bobs lo..hi-1, whose velocities have jumped, on the branch of their new motion."""
+    if cradle.hysteretic:
+        for i in range(lo, hi):
+            v = radius_and_speed(cradle, bobs[i], S, i, START)[1]
+            if v != 0.0 and S[i, BRANCH] != SLACK:
+                turn_string(cradle, bobs[i], S, i, v)
+
+
+@jit
+def string_work(cradle, bob, S, i, r):
+    """Energy [J] that bob i's strings take from the start of its segment to radius r [m]."""
+    r0 = radius_and_speed(cradle, bob, S, i, START)[0]
+    return work_between(bob, S[i, BRANCH], S[i, S_REF], S[i, T_REF], r0, r)
+
+
+@jit
+def sample(cradle, bobs, S, i, until, inclusive, times, motion, energy):
+    """Takes the samples of bob i due before `until` [s] from its current segment."""
+    k = int(S[i, SAMPLED])
+    while k < len(times) and (times[k] < until or (inclusive and times[k] == until)):
+        x, z, vx, vz, drag, contact = between(S, i, times[k])
+        strings = 0.0
+        if cradle.elastic:
+            r = math.sqrt(x * x + z * z)
+            motion[k, i, 0], motion[k, i, 1] = math.atan2(x, -z), r
+            motion[k, i, 2], motion[k, i, 3] = (x * vz - z * vx) / (r * r), (x * vx + z * vz) / r
+            if len(energy) > 0:
+                strings = S[i, WORK] + string_work(cradle, bobs[i], S, i, r)
+        else:
+            motion[k, i, 0], motion[k, i, 1], motion[k, i, 2], motion[k, i, 3] = x, bobs[i].length, vx, 0.0
+        if len(energy) > 0:
+            energy[k, i, 0], energy[k, i, 1], energy[k, i, 2] = drag, contact, strings
+        k += 1
+    S[i, SAMPLED] = k
+
+
+@jit
+def regroup(cradle, bobs, S, W, lo, hi):
+    """Sets the groups of the bobs lo..hi-1, which are at one instant, by their contacts; and their derivatives."""
+    first = lo
+    for i in range(lo, hi):
+        if i == hi - 1 or S[i, LINK] == OPEN:
+            for j in range(first, i + 1):
+                S[j, FIRST], S[j, LAST] = first, i + 1
+            derivative(cradle, bobs, S, W, first, i + 1, S[first, T0], S, START, S, RATE0)
+            first = i + 1
+
+
+@jit
+def meet(cradle, bobs, table, S, W, p, times, motion, energy, impacts, count):
+    """The meeting of pair p: ends the segments of all bobs concerned, resolves the impact, decides which contacts
+    persist. Returns the range of bobs to fly on, and the rows of `impacts` in use."""
+    t = locate(cradle, bobs, S, W, p)
+    a, b = p, p + 2  # the bobs struck as one
+    while a > 0 and touching(cradle, bobs, S, a - 1, t):
+        a -= 1
+    while b < len(bobs) and touching(cradle, bobs, S, b - 1, t):
+        b += 1
+    lo, hi = int(S[a, FIRST]), int(S[b - 1, LAST])
+    i = lo
+    while i < hi:
+        step_to(cradle, bobs, S, W, i, t)
+        i = int(S[i, LAST])
+    for i in range(lo, hi):
+        arrive(cradle, bobs, S, i, t, W, OUT, times, motion, energy)
+
+    for q in range(a, b - 1):
+        W[q, LOSS] = 0.0
+        impacts[count + q - a, 0], impacts[count + q - a, 1] = t, q
+        impacts[count + q - a, 2] = -pair(cradle, bobs, q, S, START)[3]
+        S[q, IMPACTS] += 1.0
+    S[p, MULTI_BODY] += b - a > 2
+    if cradle.contact_scale > 0.0:
+        for q in range(a, b - 1):
+            S[q, LINK] = RESOLVED
+    else:
+        if b - a == 2:
+            two_body(cradle, bobs, table, S, W, p)
+        else:
+            chain(cradle, bobs, table, S, W, a, b)
+        for q in range(a, b - 1):
+            S[q, LINK] = OPEN
+        turn_after_impact(cradle, bobs, S, a, b)
+        regroup(cradle, bobs, S, W, lo, hi)
+        made = settle(cradle, bobs, S, W, a, b)
+        if made > 0:
+            S[p, SETTLED] += made
+            turn_after_impact(cradle, bobs, S, a, b)
+    regroup(cradle, bobs, S, W, lo, hi)
+    for q in range(a, b - 1):
+        impacts[count, 3] = W[q, LOSS]
+        count += 1
+    return lo, hi, count

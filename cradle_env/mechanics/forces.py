@@ -1,0 +1,139 @@
+"""What acts on one bob in flight: eqs. 3, 5 and 6, and one guarded line for every further effect.
+
+A guard keeps an absent effect free of cost, and keeps 0 * inf from making NaN. Every effect's force is its own
+small kernel, so that a test can hold it against the declaration of the effect.
+"""
+
+import math
+
+import numpy as np
+from llvmlite import ir
+from numba import types
+from numba.extending import intrinsic
+
+from cradle_env.mechanics.jit import jit
+from cradle_env.mechanics.strings import stretch, tension
+
+# Angular speed [rad/s] over which pivot friction changes sign: 1e-2 of the swing's, and far from a jump.
+FRICTION_SMOOTHING = 0.02
+
+#: Signature of a force from outside: (time, state (6,), parameters (8,)). The state is (r, theta, v_r, v_theta)
+#: on entry, SI; the force's radial and tangential component [N] go into state[4] and state[5].
+USER_SIGNATURE = types.void(types.float64, types.CPointer(types.float64), types.CPointer(types.float64))
+
+
+@intrinsic
+def _call(typing, address, t, state, parameters):
+    """Calls a compiled function by its address, so that a force from outside recompiles nothing here."""
+
+    def codegen(context, builder, signature, arguments):
+        double = ir.DoubleType()
+        kind = ir.FunctionType(ir.VoidType(), [double, double.as_pointer(), double.as_pointer()])
+        builder.call(builder.inttoptr(arguments[0], kind.as_pointer()), list(arguments[1:]))
+        return context.get_dummy_value()
+
+    pointer = types.CPointer(types.float64)
+    return types.void(types.int64, types.float64, pointer, pointer), codegen
+
+
+@intrinsic
+def _pointer(typing, array):
+    """The address of an array's first element."""
+
+    def codegen(context, builder, signature, arguments):
+        return context.make_array(signature.args[0])(context, builder, arguments[0]).data
+
+    return types.CPointer(types.float64)(array), codegen
+
+
+@jit
+def quadratic_drag(c2, speed, v):
+    """-c2 |v| v [N] along one component v [m/s] of a velocity of magnitude `speed`."""
+    return -c2 * speed * v
+
+
+@jit
+def pivot_friction(tau_c, theta_dot):
+    """Torque [N m] of friction tau_c against theta_dot [rad/s], smoothed about rest."""
+    return -tau_c * math.tanh(theta_dot / FRICTION_SMOOTHING)
+
+
+@jit
+def user_force(cradle, bob, t, r, theta, v_r, v_t):
+    """(radial, tangential) force [N] of an effect from outside the package."""
+    state = np.empty(6)
+    state[0], state[1], state[2], state[3] = r, theta, v_r, v_t
+    _call(cradle.user_force, t, _pointer(state), _pointer(bob.user))
+    return state[4], state[5]
+
+
+@jit
+def added_forces(cradle, bob, t, r, theta, v_r, v_t):
+    """(radial, tangential) force [N] of all effects over strings, gravity and linear drag."""
+    f_r, f_t = 0.0, 0.0
+    if bob.c2 != 0.0:
+        speed = math.sqrt(v_r * v_r + v_t * v_t)
+        f_r += quadratic_drag(bob.c2, speed, v_r)
+        f_t += quadratic_drag(bob.c2, speed, v_t)
+    if bob.tau_c != 0.0:
+        f_t += pivot_friction(bob.tau_c, v_t / r) / r
+    if cradle.user_force != 0:
+        u_r, u_t = user_force(cradle, bob, t, r, theta, v_r, v_t)
+        f_r += u_r
+        f_t += u_t
+    return f_r, f_t
+
+
+@jit
+def has_added_forces(cradle, bob):
+    return bob.c2 != 0.0 or bob.tau_c != 0.0 or cradle.user_force != 0
+
+
+@jit
+def rates(cradle, bob, branch, s_ref, t_ref, t, x, z, vx, vz):
+    """(second derivatives of the two coordinates, power taken by drag [W]) of one bob at time t [s].
+
+    Contacts apart. Coordinates as in `parameters.DIM`. Elastic strings: eqs. 5 and 6 in Cartesian coordinates.
+    Rigid ones: eq. 6 at r = r0, or eq. 3.
+    """
+    if cradle.elastic:
+        r2 = x * x + z * z
+        r = math.sqrt(r2)
+        pull = bob.grip * tension(bob, branch, s_ref, t_ref, stretch(bob, r2)) / (bob.mass * r)
+        drag = bob.b / bob.mass
+        ax = -pull * x - drag * vx
+        az = -pull * z - drag * vz - cradle.gravity
+        power = bob.b * (vx * vx + vz * vz)
+        if has_added_forces(cradle, bob):
+            sin, cos = x / r, -z / r
+            v_r, v_t = vx * sin - vz * cos, vx * cos + vz * sin
+            f_r, f_t = added_forces(cradle, bob, t, r, math.atan2(x, -z), v_r, v_t)
+            ax += (f_r * sin + f_t * cos) / bob.mass
+            az += (f_t * sin - f_r * cos) / bob.mass
+            power -= f_r * v_r + f_t * v_t
+        return ax, az, power
+    v_t = bob.length * vx
+    sin = math.sin(x) if cradle.large_angle else x
+    f_t = -bob.b * v_t
+    if has_added_forces(cradle, bob):
+        f_t += added_forces(cradle, bob, t, bob.length, x, 0.0, v_t)[1]
+    return (-cradle.gravity * sin + f_t / bob.mass) / bob.length, 0.0, -f_t * v_t
+
+
+@jit
+def radius_and_speed(cradle, bob, A, i, c):
+    """(r, dr/dt) of bob i whose motion stands in A from column c on."""
+    if cradle.elastic:
+        x, z = A[i, c], A[i, c + 1]
+        r = math.sqrt(x * x + z * z)
+        return r, (x * A[i, c + 2] + z * A[i, c + 3]) / r
+    return bob.length, 0.0
+
+
+@jit
+def radial_acceleration(A, i, c, rate):
+    """d2r/dt2 of bob i on elastic strings, its derivative standing in A from column `rate` on."""
+    x, z, vx, vz = A[i, c], A[i, c + 1], A[i, c + 2], A[i, c + 3]
+    r = math.sqrt(x * x + z * z)
+    v_r = (x * vx + z * vz) / r
+    return (x * A[i, rate + 2] + z * A[i, rate + 3] + vx * vx + vz * vz - v_r * v_r) / r

@@ -1,0 +1,54 @@
+"""How kernels are compiled: without the interpreter lock, and cached on disk.
+
+numba's cache looks at the file of the cached kernel alone and misses an edit in a kernel that it calls. The cache
+folder is therefore named by a hash of all kernel sources, and only the kernels that Python calls are cached:
+they carry everything below them.
+"""
+
+import hashlib
+import os
+import tempfile
+from pathlib import Path
+
+import numba
+
+# The numpy error model drops a branch per division; contracted multiply-adds are deterministic on one machine.
+_OPTIONS = {"nogil": True, "error_model": "numpy", "fastmath": {"contract"}}
+
+
+def _cache_folder() -> str | None:
+    """The first writable place for compiled kernels of exactly these sources; None where there is none."""
+    here = Path(__file__).parent
+    digest = hashlib.sha256()
+    for source in sorted(here.glob("*.py")):
+        digest.update(source.read_bytes())
+    name = f"kernels-{digest.hexdigest()[:16]}"
+    user = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "cradle_env"
+    for parent in (here / "__pycache__", user):
+        try:
+            folder = parent / name
+            folder.mkdir(parents=True, exist_ok=True)
+            with tempfile.TemporaryFile(dir=folder):
+                return str(folder)
+        except OSError:
+            continue
+    return None
+
+
+_FOLDER = _cache_folder()
+
+
+def jit(function):
+    """Compiles a kernel that other kernels call."""
+    return numba.njit(**_OPTIONS)(function)
+
+
+def entry(function):
+    """Compiles a kernel that Python calls, and caches it."""
+    if _FOLDER is None:
+        return jit(function)
+    previous, numba.config.CACHE_DIR = numba.config.CACHE_DIR, _FOLDER
+    try:
+        return numba.njit(cache=True, **_OPTIONS)(function)
+    finally:
+        numba.config.CACHE_DIR = previous

@@ -1,0 +1,113 @@
+"""When two neighbours touch: foreseen on the interpolated motion, located on the integrated one."""
+
+import math
+
+from cradle_env.mechanics.contact import CONTACT, TOUCHING, pair, pair_at
+from cradle_env.mechanics.jit import jit
+from cradle_env.mechanics.motion import between, step
+from cradle_env.mechanics.parameters import FIRST, LAST, LINK, MEETING, OPEN, OUT, T0, T1
+
+
+@jit
+def gap_between(cradle, bobs, S, p, t):
+    """(gap beyond CONTACT, opening speed) of pair p at time t [s], interpolated."""
+    x0, z0, vx0, vz0, _, _ = between(S, p, t)
+    x1, z1, vx1, vz1, _, _ = between(S, p + 1, t)
+    gap, _, _, v_n, _ = pair_at(cradle, bobs, p, x0, z0, vx0, vz0, x1, z1, vx1, vz1)
+    return gap + CONTACT, v_n
+
+
+@jit
+def predict(cradle, bobs, S, p):
+    """The first instant [s] at which an open pair touches while both its segments last; inf if it does not."""
+    if S[p, LINK] != OPEN:
+        return math.inf
+    low, high = max(S[p, T0], S[p + 1, T0]), min(S[p, T1], S[p + 1, T1])
+    if high <= low:
+        return math.inf
+    g0, v0 = gap_between(cradle, bobs, S, p, low)
+    g1, v1 = gap_between(cradle, bobs, S, p, high)
+    if g0 <= 0.0 and v0 < 0.0:
+        return low
+    if g1 >= 0.0:
+        # Only a dip can touch: closing at the start, opening at the end, and both straight lines reach zero.
+        h = high - low
+        if v0 >= 0.0 or v1 <= 0.0 or g0 > -v0 * h or g1 > v1 * h:
+            return math.inf
+        high = turning_point(cradle, bobs, S, p, low, high, 1.0)
+        if gap_between(cradle, bobs, S, p, high)[0] >= 0.0:
+            return math.inf
+    elif g0 <= 0.0:
+        end = high
+        low = turning_point(cradle, bobs, S, p, low, high, -1.0)
+        if gap_between(cradle, bobs, S, p, low)[0] <= 0.0:
+            return end  # an overlap below rounding that never opened
+        high = end
+    return closing(cradle, bobs, S, p, low, high)
+
+
+@jit
+def turning_point(cradle, bobs, S, p, low, high, sign):
+    """The instant [s], to 1e-9, at which the opening speed of pair p takes on the given sign."""
+    while high - low > 1e-9:
+        mid = 0.5 * (low + high)
+        if sign * gap_between(cradle, bobs, S, p, mid)[1] > 0.0:
+            high = mid
+        else:
+            low = mid
+    return high
+
+
+@jit
+def closing(cradle, bobs, S, p, low, high):
+    """The instant [s] at which the gap closes, open at `low` and closed at `high`: Newton's method, and bisection
+    whenever it leaves the bracket or fails to halve it."""
+    t = 0.5 * (low + high)
+    while True:
+        g, v = gap_between(cradle, bobs, S, p, t)
+        width = high - low
+        if g > 0.0:
+            low = t
+        else:
+            high = t
+        if abs(g) < 1e-13 or high - low < 1e-12:
+            return high if g > 0.0 and high - low < 1e-12 else t
+        newton = t - g / v if v < 0.0 else low
+        t = newton if low < newton < high and high - low < width else 0.5 * (low + high)
+
+
+@jit
+def step_to(cradle, bobs, S, W, i, t):
+    """Steps bob i's group exactly to time t [s] of its segment, into W[:, OUT]."""
+    step(cradle, bobs, S, W, int(S[i, FIRST]), int(S[i, LAST]), t - S[i, T0])
+
+
+@jit
+def locate(cradle, bobs, S, W, p):
+    """The instant [s] at which pair p touches, by Newton's method on the integrated motion: from the interpolated
+    instant, two steps reach rounding."""
+    t = S[p, MEETING]
+    earliest = max(S[p, T0], S[p + 1, T0])
+    for _ in range(8):
+        step_to(cradle, bobs, S, W, p, t)
+        if S[p + 1, FIRST] != S[p, FIRST]:
+            step_to(cradle, bobs, S, W, p + 1, t)
+        gap, _, _, v_n, _ = pair(cradle, bobs, p, W, OUT)
+        if v_n >= 0.0:
+            break
+        following = max(t - (gap + CONTACT) / v_n, earliest)
+        # A touch too gentle to locate so (the gap's curvature rules) stays where it was foreseen.
+        if abs(following - t) > 1e-6 or abs(following - t) <= 4e-16 * (1.0 + t):
+            break
+        t = following
+    return t
+
+
+@jit
+def touching(cradle, bobs, S, p, t):
+    """Whether the bobs of pair p are struck as one at time t [s]."""
+    if S[p, LINK] != OPEN:
+        return True
+    if t < S[p, T0] or t < S[p + 1, T0]:
+        return False
+    return gap_between(cradle, bobs, S, p, t)[0] <= TOUCHING

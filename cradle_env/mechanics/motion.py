@@ -1,0 +1,113 @@
+"""One eighth-order step of a group of bobs that move together, and the flight between two instants as a curve.
+
+Bobs that touch nothing are groups of one; bobs in persistent contact, and all bobs of a cradle whose effects
+couple them at a distance, share a group and a step.
+"""
+
+import numpy as np
+from scipy.integrate import DOP853
+
+from cradle_env.mechanics.contact import contact_forces
+from cradle_env.mechanics.forces import rates
+from cradle_env.mechanics.jit import jit
+from cradle_env.mechanics.parameters import (
+    BRANCH,
+    DIM,
+    END,
+    OUT,
+    RATE0,
+    RATE1,
+    S_REF,
+    STAGES,
+    START,
+    T0,
+    T1,
+    T_REF,
+    TRIAL,
+)
+
+# Dormand and Prince's method of order 8 (Hairer, Norsett, Wanner, Solving ODEs I, II.5), row by row without its
+# zeros: weights, and the column of W where the stage that they weigh stands. The last row gives the result.
+_STAGES = DOP853.n_stages
+_C = np.ascontiguousarray(DOP853.C[:_STAGES])
+_ROWS = [*DOP853.A[:_STAGES, :_STAGES], DOP853.B]
+_ROW = np.cumsum([0, *(np.count_nonzero(row) for row in _ROWS)])
+_WEIGHT = np.concatenate([row[row != 0.0] for row in _ROWS])
+_STAGE = STAGES + DIM * np.concatenate([np.flatnonzero(row) for row in _ROWS])
+
+
+@jit
+def derivative(cradle, bobs, S, W, lo, hi, t, A, c, R, rate):
+    """d/dt of the bobs lo..hi-1, with the contact forces within the group.
+
+    Their motion stands in A from column c on; the derivative goes to R from column `rate` on.
+    """
+    for i in range(lo, hi):
+        ax, az, power = rates(
+            cradle, bobs[i], S[i, BRANCH], S[i, S_REF], S[i, T_REF], t,
+            A[i, c], A[i, c + 1], A[i, c + 2], A[i, c + 3],
+        )  # fmt: skip
+        R[i, rate], R[i, rate + 1] = A[i, c + 2], A[i, c + 3]
+        R[i, rate + 2], R[i, rate + 3] = ax, az
+        R[i, rate + 4], R[i, rate + 5] = power, 0.0
+    if hi - lo > 1:
+        contact_forces(cradle, bobs, lo, hi, S, W, A, c, R, rate)
+
+
+@jit
+def step(cradle, bobs, S, W, lo, hi, h):
+    """Advances the group of bobs lo..hi-1 by h [s] from the start of its segment, into W[:, OUT]."""
+    for i in range(lo, hi):
+        for c in range(DIM):
+            W[i, STAGES + c] = S[i, RATE0 + c]
+    for s in range(1, _STAGES):
+        for i in range(lo, hi):
+            x, z, vx, vz = 0.0, 0.0, 0.0, 0.0
+            for k in range(_ROW[s], _ROW[s + 1]):
+                weight, stage = _WEIGHT[k], _STAGE[k]
+                x += weight * W[i, stage]
+                z += weight * W[i, stage + 1]
+                vx += weight * W[i, stage + 2]
+                vz += weight * W[i, stage + 3]
+            W[i, TRIAL], W[i, TRIAL + 1] = S[i, START] + h * x, S[i, START + 1] + h * z
+            W[i, TRIAL + 2], W[i, TRIAL + 3] = S[i, START + 2] + h * vx, S[i, START + 3] + h * vz
+        derivative(cradle, bobs, S, W, lo, hi, S[lo, T0] + _C[s] * h, W, TRIAL, W, STAGES + DIM * s)
+    for i in range(lo, hi):
+        for c in range(DIM):
+            total = 0.0
+            for k in range(_ROW[_STAGES], _ROW[_STAGES + 1]):
+                total += _WEIGHT[k] * W[i, _STAGE[k] + c]
+            W[i, OUT + c] = S[i, START + c] + h * total
+
+
+@jit
+def between(S, i, t):
+    """The motion (DIM numbers) of bob i at time t [s] of its segment: quintic Hermite in coordinates and
+    velocities, cubic in the energies.
+
+    Error h^6 / 46080 times the sixth derivative over a segment of length h: 1e-10 rad at the default step.
+    """
+    h = S[i, T1] - S[i, T0]
+    u = (t - S[i, T0]) / h
+    v = 1.0 - u
+    # Hermite basis of value, first and second derivative at the start; the end's by reflection.
+    p0, p1 = v * v * v * (1.0 + u * (3.0 + 6.0 * u)), u * u * u * (1.0 + v * (3.0 + 6.0 * v))
+    q0, q1 = h * v * v * v * u * (1.0 + 3.0 * u), -h * u * u * u * v * (1.0 + 3.0 * v)
+    s0, s1 = 0.5 * h * h * v * v * v * u * u, 0.5 * h * h * u * u * u * v * v
+    x, z = _blend(S, i, 0, p0, p1, q0, q1, s0, s1), _blend(S, i, 1, p0, p1, q0, q1, s0, s1)
+    p1 = 30.0 * u * u * v * v / h
+    q0, q1 = v * v * (1.0 + u * (2.0 - 15.0 * u)), u * u * (1.0 + v * (2.0 - 15.0 * v))
+    s0, s1 = 0.5 * h * u * v * v * (2.0 - 5.0 * u), -0.5 * h * v * u * u * (2.0 - 5.0 * v)
+    vx, vz = _blend(S, i, 0, -p1, p1, q0, q1, s0, s1), _blend(S, i, 1, -p1, p1, q0, q1, s0, s1)
+    p0, p1, q0, q1 = v * v * (1.0 + 2.0 * u), u * u * (1.0 + 2.0 * v), h * u * v * v, -h * u * u * v
+    drag = p0 * S[i, START + 4] + p1 * S[i, END + 4] + q0 * S[i, RATE0 + 4] + q1 * S[i, RATE1 + 4]
+    contact = p0 * S[i, START + 5] + p1 * S[i, END + 5] + q0 * S[i, RATE0 + 5] + q1 * S[i, RATE1 + 5]
+    return x, z, vx, vz, drag, contact
+
+
+@jit
+def _blend(S, i, c, p0, p1, q0, q1, s0, s1):
+    """Coordinate c of bob i from its values, velocities and accelerations at both ends."""
+    values = p0 * S[i, START + c] + p1 * S[i, END + c]
+    velocities = q0 * S[i, START + 2 + c] + q1 * S[i, END + 2 + c]
+    return values + velocities + s0 * S[i, RATE0 + 2 + c] + s1 * S[i, RATE1 + 2 + c]

@@ -1,0 +1,85 @@
+"""The records that the kernels read, and the arrays that they advance.
+
+A cradle is one record of type CRADLE and an array of N records of type BOB. Everything a bob can have of its
+own stands in BOB, so that an effect which singles out bobs needs no kernel of its own. A field that belongs to
+an effect is zero where the effect is absent.
+
+The state of a run is one array S (N, COLUMNS), row i for bob i and for the pair i, i + 1; a copy of it is a saved
+state, bit for bit. Scratch is a second array W. A block of DIM columns holds a bob's motion y, or dy/dt, and is
+addressed as (array, first column).
+"""
+
+import numpy as np
+
+# Restitution laws.
+KUWABARA_KONO, POWER_LAW, CONSTANT = 0, 1, 2
+
+# Branches of the string tension (eq. 4).
+SLACK, LOADING, UNLOADING = 0.0, 1.0, 2.0
+
+# What ends a segment of flight: the grid of steps, a string that turns (stretch extreme) or whose tension comes or
+# goes (stretch zero), a persistent contact that stops pressing, a resolved contact that parts.
+GRID, TURN, TAUT, RELEASE, PART = 0, 1, 2, 3, 4
+
+# State of a pair of neighbours: apart, in persistent contact, in a contact that is followed in time.
+OPEN, PRESSED, RESOLVED = 0.0, 1.0, 2.0
+
+CRADLE = np.dtype(
+    [
+        ("gravity", "f8"),  # m/s^2
+        ("radius", "f8"),  # of a bob, m
+        ("large_angle", "i8"),  # 0: linear gravity and impacts along x (eq. 3)
+        ("elastic", "i8"),  # 0: rigid strings
+        ("hysteretic", "i8"),  # 0: tension follows the loading line both ways
+        ("law", "i8"),  # KUWABARA_KONO, POWER_LAW or CONSTANT
+        ("k_el", "f8"),  # N/m^(3/2), eq. 1
+        ("k_f", "f8"),  # N s/m^(3/2), eq. 1
+        ("alpha", "f8"),  # e = 1 - alpha v^n
+        ("exponent", "f8"),
+        ("restitution", "f8"),  # constant e
+        ("contact_scale", "f8"),  # contact_duration
+        ("step", "f8"),  # of the integration grid, s
+        ("user_force", "i8"),  # address of a compiled force from outside the package, 0: none
+    ]
+)
+
+BOB = np.dtype(
+    [
+        ("mass", "f8"),  # kg
+        ("pivot", "f8"),  # its x, m
+        ("length", "f8"),  # r0, m
+        ("half_spacing", "f8"),  # a, m
+        ("string", "f8"),  # sqrt(r0^2 + a^2), m
+        ("grip", "f8"),  # radial force of the four strings per tension of one, 4 r0 / string (eq. 5)
+        ("kappa", "f8"),  # loading stiffness of one string, N/m
+        ("b", "f8"),  # linear drag, kg/s
+        ("c2", "f8"),  # quadratic_drag, kg/m
+        ("tau_c", "f8"),  # pivot_friction, N m
+        ("user", "f8", (8,)),  # parameters of the force from outside
+    ]
+)
+
+#: Width of a block: two coordinates, two velocities, and the energy [J] that drag and the contact with the next
+#: bob have taken. Elastic strings: (x, z) from the bob's own pivot, z upwards. Rigid strings: (theta, 0).
+DIM = 6
+
+# Columns of the state S. Each group of bobs that move together flies on its own segment, from T0 to T1.
+T0, T1 = 0, 1  # s
+START, END = 2, 2 + DIM  # motion at the start and the end of the segment
+RATE0, RATE1 = 2 + 2 * DIM, 2 + 3 * DIM  # its derivative there
+BRANCH, S_REF, T_REF = 26, 27, 28  # memory of the strings: branch, reference stretch [m] and tension [N]
+WORK, LOST = 29, 30  # energy given to the strings [J]; what of it they had lost at the last slack
+FIRST, LAST = 31, 32  # the group: its first bob, and one past its last
+DUE, WHOSE = 33, 34  # what ends the segment, and for which bob or pair
+LINK, MEETING = 35, 36  # of pair i, i + 1: its state; the instant at which it will touch [s], inf: not foreseen
+SAMPLED = 37  # samples already taken
+STEPS, TURNS, IMPACTS, MULTI_BODY, SETTLED = 38, 39, 40, 41, 42  # how often what happened to this bob or pair
+COLUMNS = 43
+
+# Columns of the scratch W (N, SCRATCH).
+TRIAL, OUT = 0, DIM  # a stage's motion; where a step arrives
+STAGES = 2 * DIM  # 12 blocks
+FORCE = 14 * DIM  # contact force of pair i [N]
+WANTED, ACTIVE, SOLUTION, DIAGONAL, UPPER, VALUE = range(FORCE + 1, FORCE + 7)  # of contact.solve_chain
+LOSS = FORCE + 7  # what an impact took from pair i [J]
+SCRATCH = FORCE + 8

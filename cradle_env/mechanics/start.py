@@ -1,0 +1,128 @@
+"""The state at rest from which a run begins."""
+
+import math
+
+import numpy as np
+
+from cradle_env.mechanics.contact import pair, solve_chain
+from cradle_env.mechanics.jit import entry, jit
+from cradle_env.mechanics.parameters import (
+    ACTIVE,
+    BRANCH,
+    DIM,
+    LINK,
+    LOADING,
+    MEETING,
+    PRESSED,
+    SCRATCH,
+    SOLUTION,
+    START,
+    WANTED,
+)
+
+
+@jit
+def hanging_radius(cradle, bob, load):
+    """Radius [m] at which the strings, on the virgin loading line, carry a load [N]."""
+    if not cradle.elastic:
+        return bob.length
+    a2 = bob.half_spacing * bob.half_spacing
+    string = bob.string + load / (bob.grip * bob.kappa)
+    return math.sqrt(string * string - a2)
+
+
+@jit
+def put(cradle, S, i, theta, r):
+    """Writes the start at rest of bob i at angle theta [rad] and radius r [m]."""
+    for c in range(DIM):
+        S[i, START + c] = 0.0
+    if cradle.elastic:
+        S[i, START], S[i, START + 1] = r * math.sin(theta), -r * math.cos(theta)
+    else:
+        S[i, START] = theta
+
+
+@jit
+def hang(cradle, bob, S, i, fx, fz):
+    """Equilibrium of bob i under a contact force (fx, fz) [N]: the strings point along the load."""
+    weight = bob.mass * cradle.gravity
+    if cradle.large_angle:
+        load = math.sqrt(fx * fx + (fz - weight) ** 2)
+        put(cradle, S, i, math.atan2(fx, weight - fz), hanging_radius(cradle, bob, load))
+    else:
+        put(cradle, S, i, fx / weight, bob.length)
+
+
+@entry
+def at_rest(cradle, bobs, angles, hanging, S):
+    """Fills S, at T0, with bobs at rest: lifted to angles (N,) [rad], the others (nan) in their common equilibrium.
+
+    A lifted bob starts at r0, its strings unstretched, or, with `hanging`, at its hanging length. Lifted
+    neighbours that would overlap are spread until they touch. Returns the largest remaining overlap [m].
+    """
+    n = len(bobs)
+    S[:, BRANCH], S[:, MEETING] = LOADING, np.inf
+    force, W = np.zeros(n), np.zeros((n, SCRATCH))
+    for i in range(n):
+        if math.isnan(angles[i]):
+            hang(cradle, bobs[i], S, i, 0.0, 0.0)
+        else:
+            weight = bobs[i].mass * cradle.gravity
+            r = hanging_radius(cradle, bobs[i], weight) if hanging else bobs[i].length
+            put(cradle, S, i, angles[i], r)
+
+    # Contact forces between bobs that hang: a bob yields to a horizontal force as 1 / (m g / r), which is r / g
+    # times its mobility; the true compliance differs by the square of the lean, so this converges linearly.
+    for _ in range(200):
+        worst = 0.0
+        for p in range(n - 1):
+            gap = pair(cradle, bobs, p, S, START)[0]
+            hangs = math.isnan(angles[p]) and math.isnan(angles[p + 1])
+            W[p, ACTIVE] = hangs and (gap < 0.0 or force[p] > 0.0)
+            W[p, WANTED] = -gap * cradle.gravity / bobs[p].length
+            if W[p, ACTIVE] != 0.0:
+                worst = max(worst, abs(gap))
+        if worst < 1e-16:
+            break
+        solve_chain(cradle, bobs, 0, n, S, START, W)
+        for p in range(n - 1):
+            force[p] = max(0.0, force[p] + W[p, SOLUTION])
+        nx0, nz0 = 0.0, 0.0
+        before = 0.0
+        for i in range(n):
+            nx, nz, after = 0.0, 0.0, 0.0
+            if i < n - 1 and force[i] > 0.0:
+                _, nx, nz, _, _ = pair(cradle, bobs, i, S, START)
+                after = force[i]
+            if math.isnan(angles[i]):
+                hang(cradle, bobs[i], S, i, before * nx0 - after * nx, before * nz0 - after * nz)
+            nx0, nz0, before = nx, nz, after
+    for p in range(n - 1):
+        if force[p] > 0.0:
+            S[p, LINK] = PRESSED
+
+    for _ in range(10000):
+        worst = 0.0
+        for p in range(n - 1):
+            gap = pair(cradle, bobs, p, S, START)[0]
+            if gap < -1e-15 and not math.isnan(angles[p]) and not math.isnan(angles[p + 1]):
+                worst = max(worst, -gap)
+                rotate(cradle, S, p, 0.5 * gap / bobs[p].length)
+                rotate(cradle, S, p + 1, -0.5 * gap / bobs[p + 1].length)
+        if worst == 0.0:
+            break
+    overlap = 0.0
+    for p in range(n - 1):
+        overlap = max(overlap, -pair(cradle, bobs, p, S, START)[0])
+    return overlap
+
+
+@jit
+def rotate(cradle, S, i, angle):
+    """Turns the start of bob i about its pivot by an angle [rad]."""
+    if not cradle.elastic:
+        S[i, START] += angle
+        return
+    cos, sin = math.cos(angle), math.sin(angle)
+    for c in (START, START + 2):
+        S[i, c], S[i, c + 1] = cos * S[i, c] - sin * S[i, c + 1], sin * S[i, c] + cos * S[i, c + 1]
