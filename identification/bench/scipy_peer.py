@@ -1,0 +1,305 @@
+"""The cradle as one would write it with SciPy: `solve_ivp(method="DOP853", events=...)`, hard impacts.
+
+The peer of the benchmark and, at tight tolerances, a reference. It shares only the physics with the project:
+N nonlinear spring pendulums (Lee & Hong, arXiv:2401.16693, eqs. 4-6) in polar coordinates about their pivots,
+
+    m (r'' - r th'^2) = m g cos th - 4 T r0/sqrt(r0^2 + a^2) - b r'
+    m (r th'' + 2 r' th') = -m g sin th - b r th'
+
+string reversals and slack as events; two-body impacts along the line of centres with the restitution e(v) of
+the KK contact (eq. 1); the first impact on resting bobs in touch by integrating the whole KK chain.
+
+Only for delta >= 0: there is no resting contact here. One bob, the last, is released. SI units, radians.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from math import cos, hypot, sin, sqrt
+from typing import Any
+
+import numpy as np
+from numpy.polynomial import Chebyshev
+from scipy.integrate import solve_ivp
+
+NOISE = 1e-12  # m or m/s: a bob at rest neither reverses its string nor hits its neighbour by rounding
+TOUCH = 1e-13  # m, gap below which closing bobs hit
+IMPACTS_AT_ONCE = 1000  # more at one instant are a resting contact, which this integrator has not
+
+
+@dataclass(frozen=True)
+class Event:
+    """An event of `solve_ivp`: found where function(y, *args) falls through zero."""
+
+    function: Callable[..., float]
+    args: tuple = ()
+    terminal: bool = True
+    direction: float = -1.0
+
+    def __call__(self, _: float, y: np.ndarray) -> float:
+        """Value at state y."""
+        return self.function(y, *self.args)
+
+
+@dataclass
+class String:
+    """The four strings of one bob: the law in force and, but for slack, its last reversal (s*, T*)."""
+
+    law: str = "loading"  # T* + kappa (s - s*); or "unloading", T* (s/s*)^2; or "slack", 0
+    s: float = 0.0
+    tension: float = 0.0
+
+
+@dataclass(frozen=True)
+class Peer:
+    """A cradle of identical bobs; the names are those of the physics, SI units."""
+
+    bobs: int
+    delta: float = 0.0
+    strings: str = "hysteretic"  # or "elastic": T = kappa s, slack below 0
+    length: float = 0.30
+    pivot_half_spacing: float = 0.10
+    mass: float = 0.2813
+    radius: float = 0.020
+    youngs_modulus: float = 200e9
+    poisson_ratio: float = 0.29
+    k_f: float = 18000.0
+    kappa: float = 196.61
+    b: float = 0.002
+    gravity: float = 9.81
+
+    @property
+    def k_el(self) -> float:
+        """Hertz stiffness of a pair in N/m^1.5."""
+        return 2 / 3 * self.youngs_modulus / (1 - self.poisson_ratio**2) * sqrt(self.radius / 2)
+
+    @property
+    def string_length(self) -> float:
+        """Unstretched length of one string in m."""
+        return hypot(self.length, self.pivot_half_spacing)
+
+
+def kk_pair(a: float) -> tuple[float, float]:
+    """Restitution, and duration over (m_eff^2/(k_el^2 v))^(1/5), of a KK impact of A = a.
+
+    With eps = X xi, X = (m_eff v^2/k_el)^(2/5), and time in X/v: xi'' = -xi^1.5 - A xi^0.5 xi' until the
+    force vanishes. In z = sqrt(xi) and dtau = dt/z this is polynomial, so the root at first touch is gone:
+
+        dz/dtau = u/2      du/dtau = -z^4 - A z^2 u      dt/dtau = z      until z^2 + A u = 0
+    """
+
+    def motion(_: float, y: np.ndarray) -> list[float]:
+        z, u, _ = y
+        return [u / 2, -(z**4) - a * z**2 * u, z]
+
+    release = Event(lambda y: y[0] - sqrt(a * max(-y[1], 0)))
+    run = solve_ivp(motion, (0, 20), [0, 1, 0], "DOP853", events=release, rtol=1e-13, atol=1e-15, max_step=0.05)
+    _, u, t = run.y_events[0][0]
+    return -u, t
+
+
+def restitution_curve(peer: Peer, fastest: float = 10.0) -> Callable[[float], float]:
+    """e(v), v in m/s up to `fastest`, of a KK pair: a function of A = k_f k_el^-0.6 m_eff^-0.4 v^0.2 alone.
+
+    A Chebyshev series in sqrt(A), good to 1e-14: the force vanishes at z = sqrt(A e), so e has a term A^2.5.
+    """
+    scale = peer.k_f * peer.k_el**-0.6 * (peer.mass / 2) ** -0.4
+    exact = np.vectorize(lambda root_a: kk_pair(root_a**2)[0])
+    series = Chebyshev.interpolate(exact, 16, domain=[0.0, sqrt(max(scale, 1e-9) * fastest**0.2)])
+    return lambda speed: float(series(sqrt(scale * speed**0.2)))
+
+
+def kk_chain(peer: Peer, speed: float, bends: np.ndarray) -> np.ndarray:
+    """Impulses (N-1,) over m `speed` when one bob hits the others, at rest in touch; first the pair that closes.
+
+    `bends` (N-2,) are the cosines between the lines of centres of successive pairs, which stay as they are:
+    1 for a straight row. Lengths are in X = (m v^2/k_el)^(2/5), time in X/v; overlaps eps and impulses J obey
+
+        eps_p' = u_p - 2 J_p + bend J_(p-1) + bend J_(p+1)      J_p' = max(0, eps_p^1.5 + a eps_p^0.5 eps_p')
+    """
+    pairs = len(bends) + 1
+    a = peer.k_f / peer.k_el * speed / (peer.mass * speed**2 / peer.k_el) ** 0.4
+    u = np.eye(pairs)[0]
+    coupling = np.diag(bends, 1) + np.diag(bends, -1) - 2 * np.eye(pairs)
+
+    def motion(_: float, y: np.ndarray) -> np.ndarray:
+        eps_dot = u + coupling @ y[pairs:]
+        overlap = np.maximum(y[:pairs], 0)
+        return np.concatenate([eps_dot, np.maximum(0, overlap**1.5 + a * np.sqrt(overlap) * eps_dot)])
+
+    # A wave takes about 2 units a bob; after 10 a bob all have parted. The kinks need the short steps.
+    end = 10 * (pairs + 1)
+    run = solve_ivp(motion, (0, end), np.zeros(2 * pairs), "DOP853", rtol=1e-12, atol=1e-13, max_step=0.02)
+    return run.y[pairs:, -1]
+
+
+def derivative(y: np.ndarray, peer: Peer, laws: tuple[np.ndarray, ...]) -> np.ndarray:
+    """d(r, th, r', th')/dt of all bobs, y (4N,); T = c0 + c1 s + c2 s^2 by `laws` (c0, c1, c2), each (N,)."""
+    r, theta, r_dot, theta_dot = y.reshape(4, -1)
+    c0, c1, c2 = laws
+    s = np.sqrt(r * r + peer.pivot_half_spacing**2) - peer.string_length
+    pull = 4 * peer.length / peer.string_length / peer.mass * (c0 + s * (c1 + s * c2))
+    drag = peer.b / peer.mass
+    r_ddot = r * theta_dot**2 + peer.gravity * np.cos(theta) - pull - drag * r_dot
+    theta_ddot = -(peer.gravity * np.sin(theta) + 2 * r_dot * theta_dot) / r - drag * theta_dot
+    return np.concatenate([r_dot, theta_dot, r_ddot, theta_ddot])
+
+
+def stretch(y: np.ndarray, i: int, peer: Peer) -> float:
+    """Stretch s (m) of the strings of bob i."""
+    return hypot(y[i], peer.pivot_half_spacing) - peer.string_length
+
+
+def closing(y: np.ndarray, p: int, peer: Peer) -> tuple[float, float, float, float]:
+    """Of bobs p and p + 1: the gap (m), the speed (m/s) at which it closes, unit vector p to p + 1."""
+    n = peer.bobs
+    r0, r1, swing0, swing1 = y[p], y[p + 1], y[p] * y[3 * n + p], y[p + 1] * y[3 * n + p + 1]
+    s0, c0, s1, c1 = sin(y[n + p]), cos(y[n + p]), sin(y[n + p + 1]), cos(y[n + p + 1])
+    dx, dy = 2 * peer.radius * (1 + peer.delta) + r1 * s1 - r0 * s0, r0 * c0 - r1 * c1
+    distance = sqrt(dx * dx + dy * dy)
+    nx, ny = dx / distance, dy / distance
+    vx = y[2 * n + p + 1] * s1 + swing1 * c1 - y[2 * n + p] * s0 - swing0 * c0
+    vy = -y[2 * n + p + 1] * c1 + swing1 * s1 + y[2 * n + p] * c0 - swing0 * s0
+    return distance - 2 * peer.radius, -(nx * vx + ny * vy), nx, ny
+
+
+def gap_event(y: np.ndarray, p: int, peer: Peer) -> float:
+    """The gap while it closes, positive while it opens: an impact just made is no new one."""
+    gap, speed, _, _ = closing(y, p, peer)
+    return gap if speed > NOISE else max(gap, NOISE)
+
+
+def string_event(y: np.ndarray, i: int, peer: Peer, string: String) -> float:
+    """Falls through zero where the strings of bob i leave their law."""
+    s = stretch(y, i, peer)
+    if string.law == "slack":
+        return NOISE - s
+    if peer.strings == "elastic":
+        return NOISE + s
+    r_dot = y[2 * peer.bobs + i]
+    return NOISE + (r_dot if string.law == "loading" else min(s, -r_dot))
+
+
+def change_law(string: String, s: float, peer: Peer) -> None:
+    """Put the next law in force; the present one has ended at stretch s."""
+    if string.law == "slack":
+        string.law = "loading"
+    elif s < NOISE:
+        string.law, string.s, string.tension = "slack", 0.0, 0.0
+    elif string.law == "loading":
+        string.law, string.s, string.tension = "unloading", s, string.tension + peer.kappa * (s - string.s)
+    else:
+        string.law, string.s, string.tension = "loading", s, string.tension * (s / string.s) ** 2
+
+
+def polynomials(strings: list[String], peer: Peer) -> tuple[np.ndarray, ...]:
+    """(c0, c1, c2), each (N,), of T = c0 + c1 s + c2 s^2."""
+    rows = {
+        "slack": lambda _: (0, 0, 0),
+        "loading": lambda x: (x.tension - peer.kappa * x.s, peer.kappa, 0),
+        "unloading": lambda x: (0, 0, x.tension / x.s**2),
+    }
+    return tuple(np.array([rows[x.law](x) for x in strings], float).T)
+
+
+def kick(y: np.ndarray, p: int, speed: float, peer: Peer) -> None:
+    """Add -`speed` to bob p and +`speed` (m/s) to bob p + 1 along their line of centres."""
+    n = peer.bobs
+    _, _, nx, ny = closing(y, p, peer)
+    for i, dv in ((p, -speed), (p + 1, speed)):
+        s, c = sin(y[n + i]), cos(y[n + i])
+        y[2 * n + i] += dv * (nx * s - ny * c)
+        y[3 * n + i] += dv * (nx * c + ny * s) / y[i]
+
+
+def collide(y: np.ndarray, row: bool, restitution: Callable[[float], float], peer: Peer) -> list[tuple[int, float]]:
+    """Resolve in place every impact due at this instant; (pair from 1, speed) of each.
+
+    `row`: all but the last bob still hang in touch, so the impact is that of the KK chain.
+    Else two-body impacts, of the pairs in touch the fastest first.
+    """
+    impacts = []
+    for _ in range(IMPACTS_AT_ONCE):
+        states = [closing(y, p, peer) for p in range(peer.bobs - 1)]
+        due = [(speed, p) for p, (gap, speed, _, _) in enumerate(states) if gap < TOUCH and speed > NOISE]
+        if not due:
+            return impacts
+        speed, p = max(due)
+        impacts.append((p + 1, speed))
+        if not row:
+            kick(y, p, (1 + restitution(speed)) / 2 * speed, peer)
+            continue
+        # From the last pair on, as the wave runs. The one that hits hangs higher, so the row is bent there.
+        nx, ny = np.array([state[2:] for state in states[::-1]]).T
+        for j, impulse in enumerate(kk_chain(peer, speed, nx[1:] * nx[:-1] + ny[1:] * ny[:-1])):
+            kick(y, p - j, impulse * speed, peer)
+        return impacts + [(p + 1 - j, 0.0) for j in range(1, peer.bobs - 1)]
+    raise RuntimeError(f"{IMPACTS_AT_ONCE} impacts at one instant: this peer has no resting contact")
+
+
+def flight(t: float, y: np.ndarray, strings: list[String], peer: Peer, times: np.ndarray, options: dict[str, Any]):
+    """`solve_ivp` from (t, y) to the first impact or change of a string's law, or to the last of `times`."""
+    pairs, bobs = range(peer.bobs - 1), range(peer.bobs)
+    impacts = [Event(gap_event, (p, peer)) for p in pairs]
+    reversals = [Event(string_event, (i, peer, strings[i])) for i in bobs]
+    approaches = [Event(lambda y, p: closing(y, p, peer)[1] - NOISE, (p,), terminal=False) for p in pairs]
+    laws = polynomials(strings, peer)
+    options = options | {"events": impacts + reversals + approaches, "t_eval": times[times > t]}
+    while True:
+        run = solve_ivp(lambda _, y: derivative(y, peer, laws), (t, times[-1]), y, "DOP853", **options)
+        if run.status < 0:
+            raise RuntimeError(run.message)
+        nearest = run.y_events[2 * peer.bobs - 1 :]
+        if all(closing(state, p, peer)[0] >= -TOUCH for p in pairs for state in nearest[p]):
+            return run
+        # A pair met and parted within one step, so no sign changed: look again in shorter steps.
+        options = options | {"max_step": options["max_step"] / 4}
+
+
+def simulate(
+    bobs: int,
+    *,
+    angle: float,
+    times: np.ndarray,
+    start: str = "unstretched",
+    rtol: float = 1e-8,
+    atol: float = 1e-10,
+    max_step: float = 0.01,
+    **cradle: Any,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Release the last bob from rest at `angle` (rad) at t = 0, the others hanging; `cradle` as in `Peer`.
+
+    `start`: "unstretched" or "hanging" length of the released bob. `times` (T,) ascending, in s. Returns
+    theta (T, N), r (T, N) and the impacts (K, 3): time, pair (from 1), closing speed; an impact on the
+    resting row has one row per pair, with speed 0 where nothing closed.
+    """
+    peer = Peer(bobs, **cradle)
+    if peer.delta < 0:
+        raise ValueError(f"delta = {peer.delta}: this peer has no resting contact, delta >= 0 only")
+    restitution = restitution_curve(peer)
+    times = np.asarray(times, float)
+    # At rest 4 kappa s r0/sqrt(r0^2 + a^2) = m g.
+    s = peer.mass * peer.gravity * peer.string_length / (4 * peer.kappa * peer.length)
+    hanging = sqrt((peer.string_length + s) ** 2 - peer.pivot_half_spacing**2)
+    y = np.concatenate([np.full(bobs, hanging), np.zeros(3 * bobs)])
+    y[bobs - 1] = peer.length if start == "unstretched" else hanging
+    y[2 * bobs - 1] = angle
+    strings = [String() for _ in range(bobs)]
+    options = {"rtol": rtol, "atol": atol, "max_step": max_step}
+    states, impacts = [np.repeat(y[None], np.count_nonzero(times <= 0), axis=0)], []
+    t, row = 0.0, peer.delta == 0 and bobs > 2
+    while t < times[-1]:
+        run = flight(t, y, strings, peer, times, options)
+        states.append(np.reshape(run.y, (4 * bobs, -1)).T)
+        if run.status == 0:
+            break
+        stops = run.t_events[: 2 * bobs - 1]
+        stop = next(i for i, when in enumerate(stops) if when.size)
+        t, y = stops[stop][0], run.y_events[stop][0].copy()
+        new = collide(y, row, restitution, peer)
+        impacts += [(t, *impact) for impact in new]
+        row = row and not new
+        for i, string in enumerate(strings):
+            if stops[bobs - 1 + i].size or string_event(y, i, peer, string) < 0:
+                change_law(string, stretch(y, i, peer), peer)
+    states = np.concatenate(states)
+    return states[:, bobs : 2 * bobs], states[:, :bobs], np.array(impacts).reshape(-1, 3)

@@ -1,0 +1,1 @@
+"""Reference integrators of the tests, independent of the package."""
