@@ -63,8 +63,8 @@ _STALL_EVENTS, _STALL_TIME = 20000, 1e-7
 def run(cradle, bobs, table, S, until, times, motion, energy, impacts, count):
     """Advances the state S past `until` [s] and samples it.
 
-    times (T,) s, ascending; motion (T, N, 4): theta, r, their rates; energy (T, N, 3) J: taken by drag, taken by
-    the contact with the next bob while followed in time, given to the strings (or of length 0: not wanted);
+    times (T,) s, ascending; motion (T, N, 4): theta, r, their rates; energy (T, N, 4) J: taken by drag, taken by
+    the contact with the next bob while followed in time, given to the strings, of that lost (or of length 0);
     impacts (M, 4): time, pair from 0, approach speed, energy taken; the first `count` rows are in use.
     Returns (DONE | FULL | STALLED | NOT_FINITE, rows in use); after FULL the same call goes on.
     """
@@ -206,7 +206,7 @@ def sample(cradle, bobs, S, i, until, inclusive, times, motion, energy):
         else:
             motion[k, i, 0], motion[k, i, 1], motion[k, i, 2], motion[k, i, 3] = x, bobs[i].length, vx, 0.0
         if len(energy) > 0:
-            energy[k, i, 0], energy[k, i, 1], energy[k, i, 2] = drag, contact, strings
+            energy[k, i, 0], energy[k, i, 1], energy[k, i, 2], energy[k, i, 3] = drag, contact, strings, S[i, LOST]
         k += 1
     S[i, SAMPLED] = k
 
@@ -244,7 +244,7 @@ def meet(cradle, bobs, table, S, W, p, times, motion, energy, impacts, count):
     for q in range(a, b - 1):
         W[q, LOSS] = 0.0
         impacts[count + q - a, 0], impacts[count + q - a, 1] = t, q
-        impacts[count + q - a, 2] = -pair(cradle, bobs, q, S, START)[3]
+        impacts[count + q - a, 2] = 0.0 - pair(cradle, bobs, q, S, START)[3]
         S[q, IMPACTS] += 1.0
     S[p, MULTI_BODY] += b - a > 2
     if cradle.contact_scale > 0.0:

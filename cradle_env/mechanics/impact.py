@@ -54,7 +54,7 @@ def two_body(cradle, bobs, table, S, W, p):
 
 @jit
 def _chain_rates(A, diagonal, upper, x, n, out):
-    """d/dt of overlaps x[:n], their rates x[n:2n] and impulses x[2n:3n], dimensionless (eq. 1 for each pair)."""
+    """d/dt of overlaps x[:n], their rates x[n:2n], impulses x[2n:3n] and works x[3n:4n], dimensionless (eq. 1)."""
     for p in range(n):
         force = 0.0
         if x[p] > 0.0:
@@ -62,6 +62,7 @@ def _chain_rates(A, diagonal, upper, x, n, out):
             force = max(0.0, root * (x[p] + A * x[n + p]))
         out[p] = x[n + p]
         out[2 * n + p] = force
+        out[3 * n + p] = force * x[n + p]
     for p in range(n):
         total = -diagonal[p] * out[2 * n + p]
         if p > 0:
@@ -72,10 +73,10 @@ def _chain_rates(A, diagonal, upper, x, n, out):
 
 
 @jit
-def _chain_is_over(x, n):
+def _chain_is_over(A, x, n):
     """No pair presses, and none approaches."""
     for p in range(n):
-        if x[n + p] > 1e-9 or (x[p] > 0.0 and x[n + p] > -1e-12):
+        if x[n + p] > 1e-9 or (x[p] > 0.0 and x[p] + A * x[n + p] > 0.0):
             return False
     return True
 
@@ -84,10 +85,10 @@ def _chain_is_over(x, n):
 def chain(cradle, bobs, table, S, W, lo, hi):
     """Multi-body Kuwabara-Kono impact of the touching bobs lo..hi-1, geometry frozen; changes their START.
 
-    All contacts start at zero overlap. Sets W[p, LOSS] [J] to what each contact took (the work of its force).
+    All contacts start at zero overlap. Sets W[p, LOSS] [J] to what each contact took (minus the work of its force).
     """
     n = hi - lo - 1
-    diagonal, upper, x = np.empty(n), np.zeros(n), np.zeros(3 * n)
+    diagonal, upper, x = np.empty(n), np.zeros(n), np.zeros(4 * n)
     nx0, nz0, blow, struck = 0.0, 0.0, 0.0, 0
     for p in range(n):
         _, nx, nz, v_n, _ = pair(cradle, bobs, lo + p, S, START)
@@ -106,29 +107,25 @@ def chain(cradle, bobs, table, S, W, lo, hi):
         diagonal[p] *= m
         upper[p] *= m
         x[n + p] /= blow
-    before = x[n : 2 * n].copy()
-
     _resolve(A, diagonal, upper, x, n)
     for p in range(n):
-        # Work of a contact: its impulse times its mean opening speed, exact in the sum over all contacts.
-        jolt = x[2 * n + p] * m * blow
-        W[lo + p, SOLUTION] = jolt
-        W[lo + p, LOSS] = 0.5 * jolt * (before[p] + x[n + p]) * blow
+        W[lo + p, SOLUTION] = x[2 * n + p] * m * blow
+        W[lo + p, LOSS] = x[3 * n + p] * m * blow * blow
     apply_chain(cradle, bobs, lo, hi, S, START, W, S, START + 2)
 
 
 @jit
 def _resolve(A, diagonal, upper, x, n):
-    """Integrates a chain's overlaps, their rates and impulses x (3n,) until no pair presses or approaches."""
-    K, trial = np.empty((7, 3 * n)), np.empty(3 * n)
+    """Integrates a chain's overlaps, their rates, impulses and works x (4n,) until no pair presses or approaches."""
+    K, trial = np.empty((7, 4 * n)), np.empty(4 * n)
     t, h = 0.0, 0.01
-    while t < _CHAIN_LIMIT and not (t > 0.0 and _chain_is_over(x, n)):
+    while t < _CHAIN_LIMIT and not (t > 0.0 and _chain_is_over(A, x, n)):
         for s in range(7):
             trial[:] = x
             for j in range(s):
                 weight = h * _A[s, j]
                 if weight != 0.0:
-                    for c in range(3 * n):
+                    for c in range(4 * n):
                         trial[c] += weight * K[j, c]
             _chain_rates(A, diagonal, upper, trial, n, K[s])
         error = 0.0

@@ -124,6 +124,19 @@ def restitution(cradle, table, m_eff, v):
     return max(0.0, 1.0 - cradle.alpha * v**cradle.exponent)
 
 
+@entry
+def curve(cradle, table, m_eff, speeds):
+    """(e, contact time [s]) at each speed [m/s], shape (len(speeds), 2)."""
+    out = np.empty((len(speeds), 2))
+    for k, v in enumerate(speeds):
+        A = equivalent_dissipation(cradle, table, m_eff, v)
+        z = math.sqrt(A)
+        t0 = (m_eff / cradle.k_el) ** 0.4 * v**-0.2
+        out[k, 0] = restitution(cradle, table, m_eff, v)
+        out[k, 1] = _interpolate(table, 1, z / (1.0 + z)) * t0
+    return out
+
+
 @jit
 def equivalent_dissipation(cradle, table, m_eff, v):
     """The A at which a Kuwabara-Kono impact has the e of the cradle's law at speed v: a multi-body impact under

@@ -14,11 +14,17 @@ from cradle_env.mechanics.parameters import (
     LOADING,
     MEETING,
     PRESSED,
+    S_REF,
     SCRATCH,
+    SLACK,
     SOLUTION,
     START,
+    T_REF,
+    UNLOADING,
     WANTED,
+    WORK,
 )
+from cradle_env.mechanics.strings import stretch, work_between
 
 
 @jit
@@ -32,12 +38,14 @@ def hanging_radius(cradle, bob, load):
 
 
 @jit
-def put(cradle, S, i, theta, r):
-    """Writes the start at rest of bob i at angle theta [rad] and radius r [m]."""
+def put(cradle, bob, S, i, theta, r):
+    """Writes the start at rest of bob i at angle theta [rad] and radius r [m], its strings on the virgin line."""
+    S[i, BRANCH], S[i, S_REF], S[i, T_REF] = LOADING, 0.0, 0.0
     for c in range(DIM):
         S[i, START + c] = 0.0
     if cradle.elastic:
         S[i, START], S[i, START + 1] = r * math.sin(theta), -r * math.cos(theta)
+        S[i, WORK] = work_between(bob, LOADING, 0.0, 0.0, bob.length, r)
     else:
         S[i, START] = theta
 
@@ -48,9 +56,9 @@ def hang(cradle, bob, S, i, fx, fz):
     weight = bob.mass * cradle.gravity
     if cradle.large_angle:
         load = math.sqrt(fx * fx + (fz - weight) ** 2)
-        put(cradle, S, i, math.atan2(fx, weight - fz), hanging_radius(cradle, bob, load))
+        put(cradle, bob, S, i, math.atan2(fx, weight - fz), hanging_radius(cradle, bob, load))
     else:
-        put(cradle, S, i, fx / weight, bob.length)
+        put(cradle, bob, S, i, fx / weight, bob.length)
 
 
 @entry
@@ -61,7 +69,7 @@ def at_rest(cradle, bobs, angles, hanging, S):
     neighbours that would overlap are spread until they touch. Returns the largest remaining overlap [m].
     """
     n = len(bobs)
-    S[:, BRANCH], S[:, MEETING] = LOADING, np.inf
+    S[:, MEETING] = np.inf
     force, W = np.zeros(n), np.zeros((n, SCRATCH))
     for i in range(n):
         if math.isnan(angles[i]):
@@ -69,7 +77,7 @@ def at_rest(cradle, bobs, angles, hanging, S):
         else:
             weight = bobs[i].mass * cradle.gravity
             r = hanging_radius(cradle, bobs[i], weight) if hanging else bobs[i].length
-            put(cradle, S, i, angles[i], r)
+            put(cradle, bobs[i], S, i, angles[i], r)
 
     # Contact forces between bobs that hang: a bob yields to a horizontal force as 1 / (m g / r), which is r / g
     # times its mobility; the true compliance differs by the square of the lean, so this converges linearly.
@@ -101,18 +109,54 @@ def at_rest(cradle, bobs, angles, hanging, S):
         if force[p] > 0.0:
             S[p, LINK] = PRESSED
 
+    lifted = ~np.isnan(angles)
+    return spread(cradle, bobs, lifted, S)
+
+
+@entry
+def moving(cradle, bobs, theta, theta_dot, r, r_dot, tension_ratio, S):
+    """Fills S, at T0, with any motion: arrays (N,), rad, m and per second; r = nan is the hanging length.
+
+    tension_ratio: tension over that of the virgin loading line at the same stretch. Bobs that would overlap are
+    spread until they touch. Returns the largest remaining overlap [m].
+    """
+    S[:, MEETING] = np.inf
+    for i in range(len(bobs)):
+        radius = hanging_radius(cradle, bobs[i], bobs[i].mass * cradle.gravity) if math.isnan(r[i]) else r[i]
+        put(cradle, bobs[i], S, i, theta[i], radius)
+        if cradle.elastic:
+            sin, cos, v = math.sin(theta[i]), math.cos(theta[i]), radius * theta_dot[i]
+            S[i, START + 2] = r_dot[i] * sin + v * cos
+            S[i, START + 3] = v * sin - r_dot[i] * cos
+            s = stretch(bobs[i], radius * radius)
+            if s < 0.0:
+                S[i, BRANCH] = SLACK
+            elif cradle.hysteretic:
+                S[i, BRANCH] = LOADING if r_dot[i] >= 0.0 else UNLOADING
+                S[i, S_REF], S[i, T_REF] = s, tension_ratio[i] * bobs[i].kappa * s
+        else:
+            S[i, START + 2] = theta_dot[i]
+    return spread(cradle, bobs, np.ones(len(bobs), dtype=np.bool_), S)
+
+
+@jit
+def spread(cradle, bobs, free, S):
+    """Turns neighbours that overlap, both free (N,), away from each other until they touch.
+
+    Returns the largest overlap that remains [m].
+    """
     for _ in range(10000):
         worst = 0.0
-        for p in range(n - 1):
+        for p in range(len(bobs) - 1):
             gap = pair(cradle, bobs, p, S, START)[0]
-            if gap < -1e-15 and not math.isnan(angles[p]) and not math.isnan(angles[p + 1]):
+            if gap < -1e-15 and free[p] and free[p + 1]:
                 worst = max(worst, -gap)
                 rotate(cradle, S, p, 0.5 * gap / bobs[p].length)
                 rotate(cradle, S, p + 1, -0.5 * gap / bobs[p + 1].length)
         if worst == 0.0:
             break
     overlap = 0.0
-    for p in range(n - 1):
+    for p in range(len(bobs) - 1):
         overlap = max(overlap, -pair(cradle, bobs, p, S, START)[0])
     return overlap
 

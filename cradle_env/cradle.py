@@ -1,0 +1,251 @@
+"""A cradle and how it is let go: frozen, validated, in SI units or in the paper's dimensionless groups."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from types import MappingProxyType
+
+import numpy as np
+
+from cradle_env.effects import Effect, compose
+from cradle_env.errors import check_range
+
+#: β of the standard set: what κ is taken from where it is not given.
+STANDARD_BETA = 0.114
+#: Range of speeds [m/s] over which e(v) of k_f is fitted by 1 − α vⁿ (the paper's Fig. 2c).
+POWER_LAW_SPEEDS = (0.02, 1.0)
+
+
+@dataclass(frozen=True, eq=True)
+class Cradle:
+    """N equal bobs on strings, and the model of them.
+
+    bobs: N, 1 to 200; length: r0 [m]; pivot_half_spacing: a [m]; mass [kg] and radius [m] of a bob;
+    youngs_modulus [Pa], poisson_ratio: of the bobs; k_f: viscoelastic dissipation [N s/m^(3/2)]; kappa: loading
+    stiffness of one string [N/m], from β = 0.114 where omitted; b: linear drag [kg/s]; delta: δ = d/2R − 1, one
+    number or one per gap; gravity [m/s²]; model: "ho", "pendulum" or "nsp"; effects: more of them by name with
+    their parameters, "-name" takes one of the model's out; power_law: (α, n) of e = 1 − α vⁿ instead of k_f;
+    restitution: constant e where velocity_dependent_restitution is out.
+
+    Raises ValueError, naming the field, its value and what is allowed.
+    """
+
+    bobs: int = 5
+    length: float = 0.30
+    pivot_half_spacing: float = 0.10
+    mass: float = 0.2813
+    radius: float = 0.020
+    youngs_modulus: float = 200e9
+    poisson_ratio: float = 0.29
+    k_f: float = 18000.0
+    kappa: float = None  # type: ignore[assignment]  # filled in below
+    b: float = 0.002
+    delta: float | tuple[float, ...] = 0.0
+    gravity: float = 9.81
+    model: str = "nsp"
+    effects: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    power_law: tuple[float, float] | None = None
+    restitution: float = 0.97
+
+    def __post_init__(self) -> None:
+        put = functools.partial(object.__setattr__, self)
+        if isinstance(self.bobs, bool) or int(self.bobs) != self.bobs or not 1 <= self.bobs <= 200:
+            raise ValueError(f"bobs is {self.bobs!r}; it must be a whole number from 1 to 200")
+        put("bobs", int(self.bobs))
+        for name, unit in (("length", "m"), ("mass", "kg"), ("radius", "m"), ("gravity", "m/s^2")):
+            put(name, check_range(name, getattr(self, name), unit, 0.0, above=True))
+        put("youngs_modulus", check_range("youngs_modulus", self.youngs_modulus, "Pa", 0.0, above=True))
+        put("poisson_ratio", check_range("poisson_ratio", self.poisson_ratio, "", -1.0, 0.5, above=True))
+        for name, unit in (("pivot_half_spacing", "m"), ("k_f", "N s/m^(3/2)"), ("b", "kg/s")):
+            put(name, check_range(name, getattr(self, name), unit, 0.0))
+        put("restitution", check_range("restitution", self.restitution, "", 0.0, 1.0))
+        kappa = self._kappa_for(STANDARD_BETA) if self.kappa is None else self.kappa
+        put("kappa", check_range("kappa", kappa, "N/m", 0.0, above=True))
+        if self.power_law is not None:
+            alpha, n = self.power_law
+            put("power_law", (check_range("alpha", alpha, "", 0.0), check_range("n", n, "", 0.0)))
+        put("delta", self._checked_delta())
+        put("effects", self._checked_effects())
+
+    def _checked_delta(self) -> float | tuple[float, ...]:
+        if isinstance(self.delta, Sequence | np.ndarray):
+            if len(self.delta) != self.bobs - 1:
+                raise ValueError(f"delta has {len(self.delta)} values; {self.bobs} bobs have {self.bobs - 1} gaps")
+            return tuple(check_range("delta", d, "", -1.0, above=True) for d in self.delta)
+        return check_range("delta", self.delta, "", -1.0, above=True, remedy="at δ = −1 the pivots coincide")
+
+    def _checked_effects(self) -> Mapping[str, Mapping[str, float]]:
+        composed = {e.name: e for e in compose(self.model, self.effects)}
+        checked = {}
+        for name, values in self.effects.items():
+            checked[name] = MappingProxyType(composed[name].checked(values) if name in composed else {})
+        if "contact_duration" in composed and self.power_law is not None:
+            raise ValueError("contact_duration follows eq. 1 in time and needs k_f; take the power law out")
+        return MappingProxyType(checked)
+
+    @classmethod
+    def from_groups(
+        cls, *, beta: float = STANDARD_BETA, alpha: float | None = None, n: float | None = None, **fields
+    ) -> Cradle:
+        """A cradle from β (sets κ) and, if given, α and n of e = 1 − α vⁿ (instead of k_f); see `Cradle`."""
+        if "kappa" in fields:
+            raise ValueError("both beta and kappa are given; beta sets kappa, so give one of them")
+        if (alpha is None) != (n is None):
+            raise ValueError("alpha and n belong together: give both (e = 1 − α vⁿ) or neither (k_f)")
+        if alpha is not None and n is not None:
+            fields["power_law"] = (alpha, n)
+        cradle = cls(**fields)
+        return dataclasses.replace(cradle, kappa=cradle._kappa_for(check_range("beta", beta, "", 0.0, above=True)))
+
+    def replace(self, **fields) -> Cradle:
+        """A copy with some fields changed."""
+        return dataclasses.replace(self, **fields)
+
+    def _kappa_for(self, beta: float) -> float:
+        stiffness = self.mass * self.gravity / (self.length * beta**2)
+        return stiffness * (1.0 + (self.pivot_half_spacing / self.length) ** 2) / 4.0
+
+    @functools.cached_property
+    def composition(self) -> tuple[Effect, ...]:
+        """The effects that make up the model."""
+        return compose(self.model, self.effects)
+
+    def has(self, name: str) -> bool:
+        """Whether the model holds the effect of that name."""
+        return any(e.name == name for e in self.composition)
+
+    @property
+    def k_el(self) -> float:
+        """Elastic stiffness of a contact, (2/3) E/(1 − ν²) √(R/2) [N/m^(3/2)] (eq. 1)."""
+        return 2.0 / 3.0 * self.youngs_modulus / (1.0 - self.poisson_ratio**2) * math.sqrt(self.radius / 2.0)
+
+    @property
+    def radial_stiffness(self) -> float:
+        """κ_r of the four strings against a radial displacement, 4 κ r0²/(r0² + a²) [N/m]."""
+        return 4.0 * self.kappa / (1.0 + (self.pivot_half_spacing / self.length) ** 2)
+
+    @property
+    def beta(self) -> float:
+        """β = ω_θ/ω_r = √(m g/(κ_r r0))."""
+        return math.sqrt(self.mass * self.gravity / (self.radial_stiffness * self.length))
+
+    @property
+    def alpha(self) -> float:
+        """α of e = 1 − α vⁿ; fitted to e(v) over 0.02–1 m/s where k_f is given (v in m/s)."""
+        return self._power_law[0]
+
+    @property
+    def n(self) -> float:
+        """n of e = 1 − α vⁿ; see `alpha`."""
+        return self._power_law[1]
+
+    @functools.cached_property
+    def _power_law(self) -> tuple[float, float]:
+        if not self.has("velocity_dependent_restitution"):
+            return 1.0 - self.restitution, 0.0
+        if self.power_law is not None:
+            return self.power_law
+        from cradle_env.simulation import fit_power_law
+
+        return fit_power_law(self, *POWER_LAW_SPEEDS)
+
+    @property
+    def period(self) -> float:
+        """Small-angle period 2π √(r0/g) [s]."""
+        return 2.0 * math.pi * math.sqrt(self.length / self.gravity)
+
+    @property
+    def gaps(self) -> np.ndarray:
+        """δ of each gap, shape (N − 1,)."""
+        return np.broadcast_to(np.asarray(self.delta, dtype=float), (self.bobs - 1,))
+
+    @property
+    def pivots(self) -> np.ndarray:
+        """x of each bob's pivot [m], shape (N,), centred."""
+        x = np.concatenate([[0.0], np.cumsum(2.0 * self.radius * (1.0 + self.gaps))])
+        return x - 0.5 * x[-1]
+
+    def __hash__(self) -> int:
+        return hash((self.bobs, self.length, self.kappa, self.k_f, self.b, self.delta, self.model))
+
+
+@dataclass(frozen=True)
+class Release:
+    """Bobs lifted and let go at rest at t = 0.
+
+    angle [rad] for the `bobs` bobs nearest the end with the highest number, or `angles` {bob: angle} for any;
+    start: "unstretched" (r = r0, the paper) or "hanging" (at their hanging length).
+    """
+
+    angle: float | None = None
+    bobs: int = 1
+    angles: Mapping[int, float] | None = None
+    start: str = "unstretched"
+
+    def __post_init__(self) -> None:
+        if (self.angle is None) == (self.angles is None):
+            raise ValueError("a release needs either angle (with bobs) or angles {bob: angle}")
+        if self.start not in ("unstretched", "hanging"):
+            raise ValueError(f"start is {self.start!r}; it must be 'unstretched' or 'hanging'")
+        if self.angle is not None:
+            object.__setattr__(self, "angle", check_range("release angle", self.angle, "rad", -math.pi, math.pi))
+            if int(self.bobs) != self.bobs or self.bobs < 1:
+                raise ValueError(f"release bobs is {self.bobs!r}; it must be a whole number, at least 1")
+        else:
+            angles = {int(i): check_range(f"release angle of bob {i}", a, "rad", -math.pi, math.pi)
+                      for i, a in (self.angles or {}).items()}  # fmt: skip
+            if not angles:
+                raise ValueError("angles is empty; name at least one bob")
+            object.__setattr__(self, "angles", MappingProxyType(angles))
+
+    def angles_of(self, cradle: Cradle) -> np.ndarray:
+        """Release angle of each bob [rad], nan for those that hang; shape (N,)."""
+        angles = np.full(cradle.bobs, np.nan)
+        if self.angles is None:
+            if self.bobs > cradle.bobs:
+                raise ValueError(f"release lifts {self.bobs} bobs; the cradle has {cradle.bobs}")
+            angles[cradle.bobs - self.bobs :] = self.angle
+        else:
+            for bob, angle in self.angles.items():
+                if not 1 <= bob <= cradle.bobs:
+                    raise ValueError(f"release names bob {bob}; the cradle has bobs 1 to {cradle.bobs}")
+                angles[bob - 1] = angle
+        steepest = np.nanmax(np.abs(angles))
+        if cradle.has("radial_elasticity") and steepest > 1.5:
+            raise ValueError(
+                f"release angle is {steepest:g} rad; on strings it must be at most 1.5 rad"
+                " (beyond, the strings go slack); use model 'pendulum' for rigid rods"
+            )
+        return angles
+
+    def lead(self, cradle: Cradle) -> tuple[int, float]:
+        """(index of the lifted end bob, its release angle [rad]): θ_n and θ0 of σ."""
+        angles = self.angles_of(cradle)
+        lifted = np.flatnonzero(~np.isnan(angles) & (angles != 0.0))
+        if len(lifted) == 0:
+            return cradle.bobs - 1, 0.0
+        end = int(lifted[-1] if np.isfinite(angles[-1]) or not np.isfinite(angles[0]) else lifted[0])
+        return end, float(abs(angles[end]))
+
+    def gamma(self, cradle: Cradle) -> float:
+        """γ = θ0²/6."""
+        return self.lead(cradle)[1] ** 2 / 6.0
+
+
+@dataclass(frozen=True)
+class InitialState:
+    """Any state from which a run can begin, at t = 0: arrays of shape (N,), SI.
+
+    theta, theta_dot; r, r_dot (None: hanging length, 0); tension_ratio: string tension over that of the virgin
+    loading line at the same stretch (None: 1), which is the memory that a stretched string carries.
+    """
+
+    theta: np.ndarray
+    theta_dot: np.ndarray
+    r: np.ndarray | None = None
+    r_dot: np.ndarray | None = None
+    tension_ratio: np.ndarray | None = None

@@ -1,0 +1,82 @@
+"""The catalogue of effects, and the models as sets of them.
+
+A model is a set of effects over the simplest cradle: linear pendulums, rigid strings, constant restitution, linear
+drag b. Each effect is declared once, in the file of its name; this list names them all.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from cradle_env.effects.angle_offset import angle_offset
+from cradle_env.effects.contact_duration import contact_duration
+from cradle_env.effects.declaration import Effect, Parameter
+from cradle_env.effects.exposure_blur import exposure_blur
+from cradle_env.effects.large_angle import large_angle
+from cradle_env.effects.pivot_friction import pivot_friction
+from cradle_env.effects.quadratic_drag import quadratic_drag
+from cradle_env.effects.radial_elasticity import radial_elasticity
+from cradle_env.effects.string_hysteresis import string_hysteresis
+from cradle_env.effects.velocity_dependent_restitution import velocity_dependent_restitution
+from cradle_env.errors import unknown_key
+
+CATALOGUE: tuple[Effect, ...] = (
+    velocity_dependent_restitution,
+    large_angle,
+    radial_elasticity,
+    string_hysteresis,
+    quadratic_drag,
+    pivot_friction,
+    contact_duration,
+    exposure_blur,
+    angle_offset,
+)
+
+#: The base models, by the effects that they hold. HO and NSP are the paper's.
+MODELS: dict[str, tuple[str, ...]] = {
+    "ho": ("velocity_dependent_restitution",),
+    "pendulum": ("velocity_dependent_restitution", "large_angle"),
+    "nsp": ("velocity_dependent_restitution", "large_angle", "radial_elasticity", "string_hysteresis"),
+}
+
+_EFFECTS = {effect.name: effect for effect in CATALOGUE}
+
+
+def register(effect: Effect) -> Effect:
+    """Makes an effect from outside the package known by its name, here and in experiment files read hereafter."""
+    if any(effect.name == known.name for known in CATALOGUE):
+        raise ValueError(f"effect {effect.name!r} is in the catalogue already; choose another name")
+    if effect.force is None and effect.apply is None and effect.instants is None and effect.reading is None:
+        raise ValueError(f"effect {effect.name!r} does nothing: give it a force, or what it does to a reading")
+    _EFFECTS[effect.name] = effect
+    return effect
+
+
+def effect(name: str) -> Effect:
+    """The effect of that name; ValueError with the nearest name if there is none."""
+    if name not in _EFFECTS:
+        raise ValueError(unknown_key("effect", name, _EFFECTS))
+    return _EFFECTS[name]
+
+
+def compose(base: str, changes: Iterable[str]) -> tuple[Effect, ...]:
+    """The effects of a base model with more names added and "-name" taken out, in the order of the catalogue."""
+    if base not in MODELS:
+        raise ValueError(unknown_key("model", base, MODELS))
+    names = set(MODELS[base])
+    for change in changes:
+        name = effect(change.removeprefix("-")).name
+        if change.startswith("-"):
+            if name not in names:
+                raise ValueError(f"model {base!r} has no effect {name!r} to take out")
+            names.discard(name)
+        else:
+            names.add(name)
+    for name in names:
+        for needed in effect(name).requires:
+            if needed not in names:
+                raise ValueError(f"effect {name!r} requires {needed!r}; add it, or take {name!r} out with '-{name}'")
+    return tuple(e for e in _EFFECTS.values() if e.name in names)
+
+
+__all__ = ["CATALOGUE", "MODELS", "Effect", "Parameter", "compose", "effect", "register"]

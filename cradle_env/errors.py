@@ -1,0 +1,42 @@
+"""How refusals are worded: the name, the value and its unit, what is allowed, what to do."""
+
+from __future__ import annotations
+
+import difflib
+import math
+from collections.abc import Iterable
+
+
+def unknown_key(what: str, key: str, known: Iterable[str]) -> str:
+    """The message for a key that does not exist, with the nearest that does."""
+    known = sorted(known)
+    near = difflib.get_close_matches(key, known, n=1, cutoff=0.5)
+    hint = f"did you mean {near[0]!r}?" if near else f"known: {', '.join(known) or 'none'}"
+    return f"unknown {what} {key!r}; {hint}"
+
+
+def check_range(
+    name: str,
+    value: float,
+    unit: str,
+    low: float = -math.inf,
+    high: float = math.inf,
+    *,
+    above: bool = False,
+    remedy: str = "",
+) -> float:
+    """The value as a float if it is finite and within [low, high] (low excluded with `above`); else ValueError."""
+    try:
+        number = float(value)
+    except (TypeError, ValueError):
+        raise ValueError(f"{name} is {value!r}, which is not a number; give it in {unit or 'plain numbers'}") from None
+    if not (math.isfinite(number) and number <= high and (number > low if above else number >= low)):
+        bounds = []
+        if low > -math.inf:
+            bounds.append(f"{'greater than' if above else 'at least'} {low:g}")
+        if high < math.inf:
+            bounds.append(f"at most {high:g}")
+        allowed = " and ".join(bounds) or "finite"
+        shown = f"{number:g} {unit}".rstrip()
+        raise ValueError(f"{name} is {shown}; it must be {allowed} {unit}".rstrip() + (f"; {remedy}" if remedy else ""))
+    return number

@@ -1,0 +1,215 @@
+"""Runs of a cradle: objects in, kernels, objects out."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+
+from cradle_env.cradle import Cradle, InitialState, Release
+from cradle_env.effects import Effect
+from cradle_env.errors import check_range
+from cradle_env.mechanics import events, restitution, start
+from cradle_env.mechanics import parameters as p
+from cradle_env.trajectory import IMPACT, Trajectory
+
+# Integration step as a fraction of 1/ω of the faster motion: 1e-10 rad over 10 s on elastic strings, see
+# tests/test_accuracy.py; on rigid ones it is the interpolation of the samples that sets it.
+_RADIAL_STEP, _ANGULAR_STEP = 0.5, 0.2
+_EXHAUSTED = {
+    events.STALLED: "more impacts at one instant than can be resolved",
+    events.NOT_FINITE: "the motion left the range of numbers",
+}
+
+
+class SimulationError(RuntimeError):
+    """A run could not be carried to its end."""
+
+
+def simulate(
+    cradle: Cradle,
+    release: Release | InitialState,
+    duration: float = 60.0,
+    sample_rate: float = 240.0,
+    *,
+    times: np.ndarray | None = None,
+    ledger: bool = True,
+    step_factor: float = 1.0,
+) -> Trajectory:
+    """One run of a cradle.
+
+    duration [s], sampled at sample_rate [1/s] from t = 0, or at `times` (T,) [s], ascending, from 0 on.
+    ledger: keep the energy ledger. step_factor multiplies the integration step (order 8: errors grow by its 8th
+    power). Raises ValueError for impossible input, SimulationError if the run cannot be carried to its end.
+    """
+    wanted = _times(duration, sample_rate) if times is None else _checked_times(times)
+    return _run(cradle, release, wanted, ledger, check_range("step_factor", step_factor, "", 0.0, above=True))
+
+
+def simulate_batch(
+    cradles: Cradle | Sequence[Cradle],
+    releases: Release | InitialState | Sequence[Release | InitialState],
+    duration: float = 60.0,
+    sample_rate: float = 240.0,
+    *,
+    times: np.ndarray | None = None,
+    ledger: bool = False,
+    step_factor: float = 1.0,
+    workers: int | None = None,
+) -> list[Trajectory]:
+    """Many runs, of cradles and releases that may differ in everything, on all cores by threads.
+
+    A single cradle or release serves all runs. workers: threads, all cores by default. Each result is bit for bit
+    that of `simulate`, whatever the number of threads.
+    """
+    count = max(1 if isinstance(x, Cradle | Release | InitialState) else len(x) for x in (cradles, releases))
+    many = [cradles] * count if isinstance(cradles, Cradle) else list(cradles)
+    starts = [releases] * count if isinstance(releases, Release | InitialState) else list(releases)
+    if len(many) != len(starts):
+        raise ValueError(f"{len(many)} cradles and {len(starts)} releases; give as many, or one of either")
+    wanted = _times(duration, sample_rate) if times is None else _checked_times(times)
+    return in_threads(lambda pair: _run(*pair, wanted, ledger, step_factor), list(zip(many, starts, strict=True)), workers)
+
+
+def in_threads(function: Callable, items: Sequence, workers: int | None = None) -> list:
+    """[function(item) for item in items] on several threads; the kernels run without the interpreter lock."""
+    workers = min(workers or os.cpu_count() or 1, max(len(items), 1))
+    if workers == 1:
+        return [function(item) for item in items]
+    with ThreadPoolExecutor(workers) as pool:
+        return list(pool.map(function, items))
+
+
+def _times(duration: float, sample_rate: float) -> np.ndarray:
+    check_range("duration", duration, "s", 0.0, above=True)
+    check_range("sample_rate", sample_rate, "1/s", 0.0, above=True)
+    return np.arange(int(np.floor(duration * sample_rate + 1e-9)) + 1) / sample_rate
+
+
+def _checked_times(times: np.ndarray) -> np.ndarray:
+    times = np.ascontiguousarray(times, dtype=float)
+    if times.ndim != 1 or len(times) == 0 or not np.all(np.isfinite(times)):
+        raise ValueError("times must be a one-dimensional array of finite seconds, not empty")
+    if times[0] < 0.0 or np.any(np.diff(times) < 0.0):
+        raise ValueError("times must be ascending, from 0 s on (the release)")
+    return times
+
+
+def records(cradle: Cradle, step_factor: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
+    """The records of a cradle that the kernels read: (1,) of CRADLE and (N,) of BOB."""
+    c, bobs = np.zeros(1, p.CRADLE), np.zeros(cradle.bobs, p.BOB)
+    c["gravity"], c["radius"], c["k_el"], c["k_f"] = cradle.gravity, cradle.radius, cradle.k_el, cradle.k_f
+    c["law"] = p.KUWABARA_KONO if cradle.power_law is None else p.POWER_LAW
+    if not cradle.has("velocity_dependent_restitution"):
+        c["law"] = p.CONSTANT
+    c["alpha"], c["exponent"] = cradle.power_law or (0.0, 0.0)
+    c["restitution"] = cradle.restitution
+    bobs["mass"], bobs["length"], bobs["half_spacing"] = cradle.mass, cradle.length, cradle.pivot_half_spacing
+    bobs["kappa"], bobs["b"], bobs["pivot"] = cradle.kappa, cradle.b, cradle.pivots
+    forces = []
+    for effect in cradle.composition:
+        values = cradle.effects.get(effect.name, {})
+        if effect.apply is not None:
+            effect.apply(c, bobs, values)
+        if effect.force is not None:
+            forces.append((effect, values))
+    if forces:
+        _write_user_forces(c, bobs, forces)
+    bobs["string"] = np.hypot(bobs["length"], bobs["half_spacing"])
+    bobs["grip"] = 4.0 * bobs["length"] / bobs["string"]
+    angular = np.sqrt(cradle.gravity / bobs["length"].min())
+    step = _ANGULAR_STEP / angular
+    if c["elastic"][0]:
+        radial = np.sqrt(np.max(bobs["kappa"] * bobs["grip"] ** 2 / (4.0 * bobs["mass"])))
+        step = min(step, _RADIAL_STEP / radial)
+    c["step"] = step * step_factor
+    return c, bobs
+
+
+def _write_user_forces(c: np.ndarray, bobs: np.ndarray, forces: list[tuple[Effect, dict[str, float]]]) -> None:
+    """The address of one compiled function that sums the forces from outside, and their parameters in a row."""
+    from cradle_env.mechanics.outside import compiled
+
+    values = [values[q.key] for effect, values in forces for q in effect.parameters]
+    if len(values) > bobs["user"].shape[1]:
+        raise ValueError(f"effects from outside have {len(values)} parameters; together they may have 8")
+    bobs["user"][:, : len(values)] = values
+    c["user_force"] = compiled(tuple((effect.force, len(effect.parameters)) for effect, _ in forces)).address
+
+
+def prepare(cradle: Cradle, release: Release | InitialState, step_factor: float = 1.0):
+    """Records and state at t = 0, ready for the kernels: (cradle record, bobs, state)."""
+    c, bobs = records(cradle, step_factor)
+    S = np.zeros((cradle.bobs, p.COLUMNS))
+    if isinstance(release, Release):
+        overlap = start.at_rest(c[0], bobs, release.angles_of(cradle), release.start == "hanging", S)
+        if overlap > 1e-6:
+            raise ValueError(
+                f"bobs overlap by {overlap:.2g} m at the release; lift the end bobs further, or increase delta"
+            )
+    else:
+        start.moving(c[0], bobs, *_initial_arrays(cradle, bobs, release), S)
+    if not events.begin(c[0], bobs, S):
+        raise SimulationError("the initial state is not finite")
+    return c, bobs, S
+
+
+def _initial_arrays(cradle: Cradle, bobs: np.ndarray, state: InitialState) -> list[np.ndarray]:
+    """theta, theta_dot, r (nan: hanging), r_dot, tension ratio, each (N,)."""
+    defaults = (state.theta, state.theta_dot, np.nan, 0.0, 1.0)
+    given = (state.theta, state.theta_dot, state.r, state.r_dot, state.tension_ratio)
+    arrays = []
+    for name, value, default in zip(("theta", "theta_dot", "r", "r_dot", "tension_ratio"), given, defaults, strict=True):
+        array = np.asarray(default if value is None else value, dtype=float)
+        if value is not None and (array.shape != (cradle.bobs,) or not np.all(np.isfinite(array))):
+            raise ValueError(f"initial {name} must be {cradle.bobs} finite numbers, one per bob")
+        arrays.append(np.ascontiguousarray(np.broadcast_to(array, cradle.bobs)))
+    return arrays
+
+
+def _run(
+    cradle: Cradle, release: Release | InitialState, times: np.ndarray, ledger: bool, step_factor: float
+) -> Trajectory:
+    c, bobs, S = prepare(cradle, release, step_factor)
+    n, table = cradle.bobs, restitution.universal_curves()
+    motion = np.empty((len(times), n, 4))
+    energy = np.empty((len(times) if ledger else 0, n, 4))
+    impacts, count = np.empty((max(256, 64 * n), 4)), 0
+    while True:
+        status, count = events.run(c[0], bobs, table, S, times[-1], times, motion, energy, impacts, count)
+        if status != events.FULL:
+            break
+        impacts = np.concatenate([impacts, np.empty_like(impacts)])
+    if status != events.DONE:
+        raise SimulationError(f"the run stopped at {S[:, p.T0].min():g} s of {times[-1]:g} s: {_EXHAUSTED[status]}")
+    rows = np.empty(count, IMPACT)
+    for k, name in enumerate(("time", "pair", "speed", "loss")):
+        rows[name] = impacts[:count, k]
+    rows["pair"] += 1
+    theta, r, theta_dot, r_dot = np.moveaxis(motion, -1, 0)
+    return Trajectory(cradle, release, times, theta, r, theta_dot, r_dot, rows, energy if ledger else None)
+
+
+def restitution_curve(cradle: Cradle, speeds: np.ndarray) -> np.ndarray:
+    """e at normal speeds v [m/s] of a pair of bobs of this cradle (eq. 1, or its other laws)."""
+    c, _ = records(cradle)
+    table = restitution.universal_curves()
+    return restitution.curve(c[0], table, 0.5 * cradle.mass, np.ascontiguousarray(speeds, dtype=float))[:, 0]
+
+
+def contact_times(cradle: Cradle, speeds: np.ndarray) -> np.ndarray:
+    """Duration [s] of the contact of two bobs that meet at v [m/s] (eq. 1)."""
+    c, _ = records(cradle)
+    table = restitution.universal_curves()
+    return restitution.curve(c[0], table, 0.5 * cradle.mass, np.ascontiguousarray(speeds, dtype=float))[:, 1]
+
+
+def fit_power_law(cradle: Cradle, slowest: float, fastest: float) -> tuple[float, float]:
+    """(α, n) of e = 1 − α vⁿ, least squares over speeds from slowest to fastest [m/s]."""
+    from scipy.optimize import curve_fit
+
+    v = np.linspace(slowest, fastest, 200)
+    (alpha, n), _ = curve_fit(lambda v, alpha, n: 1.0 - alpha * v**n, v, restitution_curve(cradle, v), p0=(0.03, 0.2))
+    return float(alpha), float(n)

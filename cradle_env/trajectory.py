@@ -1,0 +1,98 @@
+"""What a run gives back."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from cradle_env.cradle import Cradle, InitialState, Release
+from cradle_env.synchronization import WINDOW, newton_exponent, sigma
+
+#: One row per pair of an impact: time [s], pair (i: bobs i and i + 1), approach speed [m/s], energy taken [J].
+IMPACT = np.dtype([("time", "f8"), ("pair", "i8"), ("speed", "f8"), ("loss", "f8")])
+
+
+@dataclass(frozen=True)
+class Energy:
+    """Energy ledger of a run [J], arrays of shape (T,), summed over bobs. `total` is constant.
+
+    strings is what the strings hold and have lost; lost_by_strings what of it was gone at their last slack; drag
+    counts every force against the motion, impacts what contacts have taken.
+    """
+
+    kinetic: np.ndarray
+    gravity: np.ndarray
+    strings: np.ndarray
+    lost_by_strings: np.ndarray
+    drag: np.ndarray
+    impacts: np.ndarray
+
+    @property
+    def total(self) -> np.ndarray:
+        """Sum of all that is held and all that was taken [J]."""
+        return self.kinetic + self.gravity + self.strings + self.drag + self.impacts
+
+
+@dataclass(frozen=True)
+class Trajectory:
+    """A run: t (T,) [s]; theta, r, theta_dot, r_dot (T, N) in rad, m and per second; impacts, see IMPACT."""
+
+    cradle: Cradle
+    release: Release | InitialState
+    t: np.ndarray
+    theta: np.ndarray
+    r: np.ndarray
+    theta_dot: np.ndarray
+    r_dot: np.ndarray
+    impacts: np.ndarray
+    #: (T, N, 4): drag, contacts followed in time, strings, lost by strings [J]; None if the ledger was not kept.
+    ledger: np.ndarray | None = None
+
+    def lead(self) -> tuple[int, float]:
+        """(index of the lifted end bob, θ0 [rad]); θ0 is its first peak where the release was not seen."""
+        if isinstance(self.release, Release):
+            return self.release.lead(self.cradle)
+        within = self.t <= self.t[0] + self.cradle.period
+        peaks = np.abs(self.theta[within]).max(axis=0)
+        end = self.cradle.bobs - 1 if peaks[-1] >= peaks[0] else 0
+        return end, float(peaks[end])
+
+    def sigma(self) -> np.ndarray:
+        """σ(t), shape (T,); see `synchronization.sigma`."""
+        end, theta0 = self.lead()
+        return sigma(self.t, self.theta[:, end], theta0, self.cradle.period)
+
+    def newton_exponent(self, window: tuple[float, float] = WINDOW) -> float:
+        """λ [1/s] over a window of time [s]; see `synchronization.newton_exponent`."""
+        return float(newton_exponent(self.t, self.sigma(), window))
+
+    def x(self) -> np.ndarray:
+        """Horizontal position of each bob [m], shape (T, N)."""
+        along = np.sin(self.theta) if self.cradle.has("large_angle") else self.theta
+        return self.cradle.pivots + self.r * along
+
+    def gaps(self) -> np.ndarray:
+        """Distance between the surfaces of neighbours [m], shape (T, N − 1)."""
+        z = -self.r * np.cos(self.theta) if self.cradle.has("large_angle") else np.zeros_like(self.r)
+        return np.hypot(np.diff(self.x(), axis=1), np.diff(z, axis=1)) - 2.0 * self.cradle.radius
+
+    def energy(self) -> Energy:
+        """The energy ledger; ValueError if the run did not keep it."""
+        if self.ledger is None:
+            raise ValueError("this run kept no energy ledger; simulate with ledger=True")
+        c = self.cradle
+        speed2 = self.r_dot**2 + (self.r * self.theta_dot) ** 2
+        height = -self.r * np.cos(self.theta) if c.has("large_angle") else 0.5 * self.r * self.theta**2 - self.r
+        drag, contacts, strings, lost = self.ledger.sum(axis=1).T
+        order = np.argsort(self.impacts["time"], kind="stable")
+        times = self.impacts["time"][order]
+        taken = np.concatenate([[0.0], np.cumsum(self.impacts["loss"][order])])
+        return Energy(
+            kinetic=0.5 * c.mass * speed2.sum(axis=1),
+            gravity=c.mass * c.gravity * height.sum(axis=1),
+            strings=strings,
+            lost_by_strings=lost,
+            drag=drag,
+            impacts=taken[np.searchsorted(times, self.t, side="right")] + contacts,
+        )
