@@ -89,7 +89,7 @@ def run(cradle, bobs, table, S, until, times, motion, energy, impacts, count):
         if not fly_on(cradle, bobs, S, W, lo, hi):
             return NOT_FINITE, count
     for i in range(len(bobs)):
-        sample(cradle, bobs, S, i, until, True, times, motion, energy)
+        sample(cradle, bobs, S, i, until, np.True_, times, motion, energy)
     return DONE, count
 
 
@@ -101,9 +101,10 @@ def begin(cradle, bobs, S):
     for i in range(n):
         S[i, FIRST], S[i, LAST] = i, i + 1
         derivative(cradle, bobs, S, W, i, i + 1, S[i, T0], S, START, S, RATE0)
-    settle(cradle, bobs, S, W, 0, n)
-    regroup(cradle, bobs, S, W, 0, n)
-    return fly_on(cradle, bobs, S, W, 0, n)
+    first = np.int64(0)
+    settle(cradle, bobs, S, W, first, n)
+    regroup(cradle, bobs, S, W, first, n)
+    return fly_on(cradle, bobs, S, W, first, n)
 
 
 @jit
@@ -153,7 +154,7 @@ def finish(cradle, bobs, S, W, bob, times, motion, energy):
 @jit
 def arrive(cradle, bobs, S, i, t, A, c, times, motion, energy):
     """Makes the motion in A, from column c on, bob i's new start at time t [s]; takes the samples due before."""
-    sample(cradle, bobs, S, i, t, False, times, motion, energy)
+    sample(cradle, bobs, S, i, t, np.False_, times, motion, energy)
     if cradle.elastic:
         S[i, WORK] += string_work(cradle, bobs[i], S, i, radius_and_speed(cradle, bobs[i], A, i, c)[0])
     for k in range(DIM):

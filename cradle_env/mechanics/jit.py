@@ -40,13 +40,13 @@ _FOLDER = _cache_folder()
 
 def jit(function):
     """Compiles a kernel that other kernels call."""
-    return numba.njit(**_OPTIONS)(function)
+    return numba.njit(no_cpython_wrapper=True, no_cfunc_wrapper=True, **_OPTIONS)(function)
 
 
 def entry(function):
     """Compiles a kernel that Python calls, and caches it."""
     if _FOLDER is None:
-        return jit(function)
+        return numba.njit(**_OPTIONS)(function)
     previous, numba.config.CACHE_DIR = numba.config.CACHE_DIR, _FOLDER
     try:
         return numba.njit(cache=True, **_OPTIONS)(function)

@@ -17,9 +17,12 @@ KUWABARA_KONO, POWER_LAW, CONSTANT = 0, 1, 2
 # Branches of the string tension (eq. 4).
 SLACK, LOADING, UNLOADING = 0.0, 1.0, 2.0
 
+# Whole numbers that kernels are called with are typed: numba compiles a kernel anew for every literal.
+_INT = np.int64
+
 # What ends a segment of flight: the grid of steps, a string that turns (stretch extreme) or whose tension comes or
 # goes (stretch zero), a persistent contact that stops pressing, a resolved contact that parts.
-GRID, TURN, TAUT, RELEASE, PART = 0, 1, 2, 3, 4
+GRID, TURN, TAUT, RELEASE, PART = map(_INT, range(5))
 
 # State of a pair of neighbours: apart, in persistent contact, in a contact that is followed in time.
 OPEN, PRESSED, RESOLVED = 0.0, 1.0, 2.0
@@ -64,9 +67,9 @@ BOB = np.dtype(
 DIM = 6
 
 # Columns of the state S. Each group of bobs that move together flies on its own segment, from T0 to T1.
-T0, T1 = 0, 1  # s
-START, END = 2, 2 + DIM  # motion at the start and the end of the segment
-RATE0, RATE1 = 2 + 2 * DIM, 2 + 3 * DIM  # its derivative there
+T0, T1 = map(_INT, (0, 1))  # s
+START, END = map(_INT, (2, 2 + DIM))  # motion at the start and the end of the segment
+RATE0, RATE1 = map(_INT, (2 + 2 * DIM, 2 + 3 * DIM))  # its derivative there
 BRANCH, S_REF, T_REF = 26, 27, 28  # memory of the strings: branch, reference stretch [m] and tension [N]
 WORK, LOST = 29, 30  # energy given to the strings [J]; what of it they had lost at the last slack
 FIRST, LAST = 31, 32  # the group: its first bob, and one past its last
@@ -77,7 +80,7 @@ STEPS, TURNS, IMPACTS, MULTI_BODY, SETTLED = 38, 39, 40, 41, 42  # how often wha
 COLUMNS = 43
 
 # Columns of the scratch W (N, SCRATCH).
-TRIAL, OUT = 0, DIM  # a stage's motion; where a step arrives
+TRIAL, OUT = map(_INT, (0, DIM))  # a stage's motion; where a step arrives
 STAGES = 2 * DIM  # 12 blocks
 FORCE = 14 * DIM  # contact force of pair i [N]
 WANTED, ACTIVE, SOLUTION, DIAGONAL, UPPER, VALUE = range(FORCE + 1, FORCE + 7)  # of contact.solve_chain

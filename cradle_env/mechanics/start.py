@@ -92,7 +92,7 @@ def at_rest(cradle, bobs, angles, hanging, S):
                 worst = max(worst, abs(gap))
         if worst < 1e-16:
             break
-        solve_chain(cradle, bobs, 0, n, S, START, W)
+        solve_chain(cradle, bobs, np.int64(0), n, S, START, W)
         for p in range(n - 1):
             force[p] = max(0.0, force[p] + W[p, SOLUTION])
         nx0, nz0 = 0.0, 0.0
