@@ -192,6 +192,17 @@ def _run(
     return Trajectory(cradle, release, times, theta, r, theta_dot, r_dot, rows, energy if ledger else None)
 
 
+def equilibrium(cradle: Cradle) -> tuple[np.ndarray, np.ndarray]:
+    """(theta [rad], r [m]) of each bob at rest, none lifted, its strings on the virgin loading line; both (N,)."""
+    c, bobs = records(cradle)
+    S = np.zeros((cradle.bobs, p.COLUMNS))
+    start.at_rest(c[0], bobs, np.full(cradle.bobs, np.nan), False, S)
+    x, z = S[:, p.START], S[:, p.START + 1]
+    if not c["elastic"][0]:
+        return x.copy(), bobs["length"].copy()
+    return np.arctan2(x, -z), np.hypot(x, z)
+
+
 def restitution_curve(cradle: Cradle, speeds: np.ndarray) -> np.ndarray:
     """e at normal speeds v [m/s] of a pair of bobs of this cradle (eq. 1, or its other laws)."""
     c, _ = records(cradle)

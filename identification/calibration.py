@@ -1,0 +1,80 @@
+"""Calibration: find the mode, sample around it, and measure the gap that is left."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+
+from cradle_env.errors import check_range
+from identification.experiment import Experiment
+from identification.fit import Progress, find_mode, refit, training_rows
+from identification.likelihood import Likelihood, rms
+from identification.posterior import Gap, Posterior
+from identification.sample import Checkpoint, Chains, sample
+
+
+def calibrate(
+    experiment: Experiment,
+    parameters: Sequence[str] | None = None,
+    *,
+    out: str | Path | None = None,
+    steps: int | None = None,
+    max_steps: int = 20000,
+    seed: int = 0,
+    workers: int | None = None,
+    progress: Progress | None = None,
+) -> Posterior:
+    """The posterior of an experiment's unknowns by MCMC.
+
+    parameters: those of k_f, kappa and b to infer, the others keep their stated values; all that matter where
+    omitted. out: folder for chain.h5, from which the same call goes on; steps: total number of steps, until converged
+    where omitted, but at most max_steps. An unconverged posterior is returned as such (`convergence`). Raises
+    ValueError for what cannot be calibrated.
+    """
+    tell = progress or (lambda *_: None)
+    for name, value in (("steps", steps), ("max_steps", max_steps)):
+        if value is not None:
+            check_range(name, value, "", 50, remedy="fewer tell nothing about convergence")
+    likelihood = Likelihood(experiment, workers=workers, parameters=parameters)
+    with TemporaryDirectory() as scratch:
+        folder = Path(scratch if out is None else out)
+        folder.mkdir(parents=True, exist_ok=True)
+        checkpoint = Checkpoint(folder / "chain.h5", likelihood, seed)
+        if not checkpoint.exists():
+            checkpoint.begin(find_mode(likelihood, seed, tell))
+        verdict = sample(likelihood, checkpoint, steps=steps, max_steps=max_steps, progress=tell)
+        chains = checkpoint.read()
+    kept = Chains(*(array[:, verdict.burn_in :] for array in dataclasses.astuple(chains)))
+    rates = kept.newton_exponent if likelihood.lambda_rides_along else None
+    posterior = Posterior(likelihood, kept.chain, kept.log_density, rates, verdict, Gap(np.nan, np.nan), seed)
+    tell("gap", 0.0, "fit to the training part")
+    return dataclasses.replace(posterior, gap=measure_gap(posterior))
+
+
+def measure_gap(posterior: Posterior) -> Gap:
+    """RMS residuals over the noise, of a fit to the training part alone, there and on what was held out."""
+    full = posterior.likelihood
+    train, held = training_rows(full.experiment)
+    likelihood = Likelihood(full.experiment, train, full.workers, full.parameters)
+    point = refit(likelihood, posterior.best())
+    scaled: dict[str, list[np.ndarray]] = {"train": [], "held_out": []}
+    raw: dict[str, list[np.ndarray]] = {"train": [], "held_out": []}
+    for k, run in enumerate(full.experiment.runs):
+        for part, rows in (("train", train[k]), ("held_out", held[k])):
+            if rows.any():
+                residual = likelihood.predict(point, k, rows)[0] - run.readings[rows]
+                raw[part].append(residual)
+                scaled[part].append((residual / full.noise[k]).ravel())
+    by_bob = {part: _rms_by_bob(rows) for part, rows in raw.items() if rows}
+    ratio = {part: rms(np.concatenate(rows)) if rows else np.nan for part, rows in scaled.items()}
+    return Gap(ratio["train"], ratio["held_out"], by_bob)
+
+
+def _rms_by_bob(residuals: list[np.ndarray]) -> np.ndarray:
+    """RMS over all bobs, then of each; (1 + N,)."""
+    together = np.concatenate(residuals)
+    return np.array([rms(together), *(rms(column) for column in together.T)])

@@ -1,0 +1,106 @@
+"""Experiments: measured runs of a cradle, and what is known about them."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import MappingProxyType
+
+import numpy as np
+
+from cradle_env.cradle import Cradle, Release
+from identification.csv_data import csv_text
+from identification.experiment_file import FILE_NAME, experiment_text, read_experiment
+from identification.files import ExperimentError, read_text, write_together
+from identification.runs import Prior, ReleaseInfo, Run, check_prior, checked_run
+
+
+@dataclass(frozen=True, eq=False)
+class Experiment:
+    """Measured runs of one cradle, and what is known about them.
+
+    cradle: with its model; what is to be inferred stands at where to start. runs: at least one. infer: priors of
+    unknowns beside k_f, kappa and b (or of these), by field of Cradle or by "effect.parameter".
+    unknown_effect_parameters: "effect.parameter" of those without a known value. path: of the experiment.toml that
+    it was read from; digest: SHA-256 over that file and its data, as read or, if made in Python, as they would be
+    saved.
+
+    Raises ValueError if these do not fit together.
+    """
+
+    cradle: Cradle
+    runs: tuple[Run, ...]
+    infer: Mapping[str, Prior] = field(default_factory=dict)
+    unknown_effect_parameters: tuple[str, ...] = ()
+    path: Path | None = None
+    digest: str = ""
+
+    def __post_init__(self) -> None:
+        if not self.runs:
+            raise ValueError("an experiment needs at least one run")
+        object.__setattr__(self, "runs", tuple(checked_run(self.cradle, run) for run in self.runs))
+        for name, prior in self.infer.items():
+            check_prior(self.cradle, name, prior)
+        object.__setattr__(self, "infer", MappingProxyType(dict(self.infer)))
+        if not self.digest:
+            object.__setattr__(self, "digest", _digest(*(text.encode() for text in self._texts().values())))
+
+    def cradle_of(self, run: Run) -> Cradle:
+        """The cradle with the δ of one run."""
+        return self.cradle.replace(delta=run.delta)
+
+    @classmethod
+    def from_arrays(
+        cls,
+        cradle: Cradle,
+        times: np.ndarray,
+        readings: np.ndarray,
+        release: Release | ReleaseInfo | None = None,
+        **run,
+    ) -> Experiment:
+        """An experiment of one run: times (T,) [s], readings (T, N) [rad or m]; more of it by the fields of `Run`."""
+        info = ReleaseInfo(release) if isinstance(release, Release) else release
+        return cls(cradle, (Run(times, readings, release=info, **run),))
+
+    @classmethod
+    def load(cls, path: str | Path) -> Experiment:
+        """Reads an experiment.toml and the data it names; ExperimentError, one line, if they are unusable."""
+        path = Path(path)
+        text, data = read_text(path)
+        return cls._parse(text, path, data)
+
+    @classmethod
+    def parse(cls, text: str, path: str | Path) -> Experiment:
+        """The experiment that a text describes, were it the file at `path`; ExperimentError if it is unusable."""
+        return cls._parse(text, Path(path), text.encode())
+
+    @classmethod
+    def _parse(cls, text: str, path: Path, data: bytes) -> Experiment:
+        cradle, runs, infer, unknown, recorded = read_experiment(text, path)
+        return cls(cradle, runs, infer, unknown, path, _digest(data, *recorded))
+
+    def save(self, directory: str | Path) -> Path:
+        """Writes experiment.toml and its data into a folder, in SI units; the path of experiment.toml."""
+        texts = self._texts()
+        description = texts.pop(FILE_NAME)
+        write_together(Path(directory), {**texts, FILE_NAME: description})
+        return Path(directory) / FILE_NAME
+
+    def _texts(self) -> dict[str, str]:
+        """The files of the experiment by name, experiment.toml first."""
+        description = experiment_text(self.cradle, self.runs, self.infer, self.unknown_effect_parameters)
+        texts = {FILE_NAME: description}
+        for i, run in enumerate(self.runs, 1):
+            name, text = Path(run.file).name, csv_text(run.times, run.readings, run.quantity)
+            if texts.setdefault(name, text) != text:
+                raise ValueError(f"run {i} would overwrite {name!r}; give each run a file name of its own")
+        return texts
+
+
+def _digest(*files: bytes) -> str:
+    return hashlib.sha256(b"".join(hashlib.sha256(data).digest() for data in files)).hexdigest()
+
+
+__all__ = ["Experiment", "ExperimentError", "Prior", "ReleaseInfo", "Run"]

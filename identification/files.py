@@ -1,0 +1,54 @@
+"""Files in and out: every refusal is one line, and nothing is ever half-written."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from collections.abc import Mapping
+from pathlib import Path
+
+
+class ExperimentError(ValueError):
+    """Unusable input; the message is one line that names file, row, column and remedy."""
+
+    def __init__(self, message: str):
+        super().__init__(" ".join(message.split()))
+
+
+def read_text(path: Path) -> tuple[str, bytes]:
+    """The text of a UTF-8 file, lines ended by \\n, without byte order mark; and its bytes as they are."""
+    try:
+        data = path.read_bytes()
+    except FileNotFoundError:
+        raise ExperimentError(f"{path}: no such file; check the name and the folder") from None
+    except IsADirectoryError:
+        raise ExperimentError(f"{path}: is a folder; name the file in it") from None
+    except (OSError, ValueError) as error:
+        reason = error.strerror if isinstance(error, OSError) else error
+        raise ExperimentError(f"{str(path)!r}: cannot be read ({reason}); check the name and the permissions") from None
+    try:
+        text = data.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        line = data.count(b"\n", 0, error.start) + 1
+        raise ExperimentError(f"{path}, line {line}: not UTF-8 text; save the file as plain text in UTF-8") from None
+    return text.replace("\r\n", "\n").replace("\r", "\n"), data
+
+
+def write_together(directory: Path, texts: Mapping[str, str]) -> None:
+    """Writes files, by name, into a directory: all to temporary names first, then renamed in the order given."""
+    directory.mkdir(parents=True, exist_ok=True)
+    umask = os.umask(0)
+    os.umask(umask)
+    pending: dict[str, str] = {}
+    try:
+        for name, text in texts.items():
+            handle, pending[name] = tempfile.mkstemp(prefix=f".{name}.", dir=directory)
+            with os.fdopen(handle, "wb") as file:
+                file.write(text.encode("utf-8"))
+            os.chmod(pending[name], 0o666 & ~umask)
+        for name in texts:
+            os.replace(pending[name], directory / name)
+            del pending[name]
+    finally:
+        for temporary in pending.values():
+            os.unlink(temporary)

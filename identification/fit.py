@@ -1,0 +1,206 @@
+"""The best point of a posterior, found globally, and its Gaussian neighbourhood."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from cradle_env.simulation import SimulationError, in_threads
+from identification.experiment import Experiment
+from identification.likelihood import Likelihood, rms
+
+#: Points drawn over the search box, how many of them are refined on the early data, and on all data.
+_DRAWS, _REFINED, _FINISHED = 120, 5, 2
+#: The early data, in small-angle periods: over them the misfit is nearly convex in the stiffness of the strings.
+_EARLY_PERIODS = 8.0
+#: Relative steps of κ at which its shallow modes, 1–2 % apart, are looked for around the best point.
+_LADDER = (-0.06, -0.045, -0.03, -0.02, -0.01, 0.01, 0.02, 0.03, 0.045, 0.06)
+#: A residual this many sigmas off counts for less, so that one jump of a tracker does not steer the search.
+_IMPOSSIBLE = 1e4
+
+Progress = Callable[[str, float, str], None]
+
+
+@dataclass(frozen=True)
+class Mode:
+    """A mode of the posterior: point (D,) and covariance (D, D) in sampled coordinates, sum of squared residuals."""
+
+    point: np.ndarray
+    covariance: np.ndarray
+    cost: float
+
+
+def find_mode(likelihood: Likelihood, seed: int = 0, progress: Progress | None = None) -> Mode:
+    """The best mode: random draws over the search box scored on the early data, the best refined on it and then on
+    all data, and neighbouring values of κ tried around the winner."""
+    tell = progress or (lambda *_: None)
+    rng = np.random.default_rng(seed)
+    early = Likelihood(likelihood.experiment, _early_rows(likelihood), likelihood.workers)
+    width = np.array([u.search for u in likelihood.unknowns])
+    starts = likelihood.start() + width * rng.uniform(-1.0, 1.0, (_DRAWS, len(width)))
+    starts[0] = likelihood.start()
+    starts = np.clip(starts, *_bounds(likelihood))
+    tell("search", 0.0, f"{_DRAWS} points")
+    costs = np.array(in_threads(lambda z: _cost(early, z), list(starts), likelihood.workers))
+    best = starts[np.argsort(costs)[:_REFINED]]
+    refined = []
+    for k, point in enumerate(best):
+        tell("search", (k + 1) / (_REFINED + _FINISHED + 2), "refining on the early data")
+        refined.append(_refine(early, point, 15))
+    refined.sort(key=lambda pair: pair[1])
+    finished = []
+    for k, (point, _) in enumerate(refined[:_FINISHED]):
+        tell("search", (_REFINED + k + 1) / (_REFINED + _FINISHED + 2), "refining on all data")
+        finished.append(_refine(likelihood, point, 20))
+    point, cost = min(finished, key=lambda pair: pair[1])
+    if "kappa" in likelihood.names:
+        tell("search", 0.9, "neighbouring modes of κ")
+        point, cost = _climb_ladder(likelihood, point, cost)
+    point, cost = _refine(likelihood, point, 40)
+    return _mode(likelihood, point, cost)
+
+
+def _climb_ladder(likelihood: Likelihood, point: np.ndarray, cost: float) -> tuple[np.ndarray, float]:
+    """The better of the point and what its neighbours in κ lead to."""
+    k = likelihood.names.index("kappa")
+    while True:
+        rungs = []
+        for step in _LADDER:
+            rung = point.copy()
+            rung[k] += step if likelihood.unknowns[k].log else step * point[k]
+            rungs.append(np.clip(rung, *_bounds(likelihood)))
+        costs = np.array(in_threads(lambda z: _cost(likelihood, z), rungs, likelihood.workers))
+        tried = [_refine(likelihood, rungs[i], 8) for i in np.argsort(costs)[:3]]
+        best, best_cost = min(tried, key=lambda pair: pair[1])
+        if best_cost >= cost - 1e-3 * abs(cost):
+            return (best, best_cost) if best_cost < cost else (point, cost)
+        point, cost = best, best_cost
+
+
+def refit(likelihood: Likelihood, point: np.ndarray) -> np.ndarray:
+    """The mode near a point, (D,)."""
+    return _refine(likelihood, point, 40)[0]
+
+
+def _early_rows(likelihood: Likelihood) -> list[np.ndarray]:
+    """The rows of the first periods of each run."""
+    limit = _EARLY_PERIODS * likelihood.experiment.cradle.period
+    return [
+        rows & (run.times <= run.fit_from + limit)
+        for run, rows in zip(likelihood.experiment.runs, likelihood.rows, strict=True)
+    ]
+
+
+def _bounds(likelihood: Likelihood) -> tuple[np.ndarray, np.ndarray]:
+    """Sampled coordinates between which the search stays; both (D,)."""
+    low = np.array([math.log(u.low) if u.log else u.low for u in likelihood.unknowns])
+    high = np.array([math.log(u.high) if u.log else u.high for u in likelihood.unknowns])
+    inset = np.where(np.isfinite(high - low), 1e-9 * (high - low), 0.0)
+    return low + inset, high - inset
+
+
+def _safe_residuals(likelihood: Likelihood, point: np.ndarray, length: int | None = None) -> np.ndarray:
+    """Residuals, or huge ones where the point is impossible."""
+    try:
+        return likelihood.residuals(point)
+    except (SimulationError, ValueError):
+        if length is None:
+            raise
+        return np.full(length, _IMPOSSIBLE)
+
+
+def _cost(likelihood: Likelihood, point: np.ndarray) -> float:
+    try:
+        return float(np.sum(likelihood.residuals(point) ** 2))
+    except (SimulationError, ValueError):
+        return math.inf
+
+
+def _steps(likelihood: Likelihood) -> np.ndarray:
+    """Finite-difference steps of the coordinates, (D,): small against what is known of each."""
+    steps = []
+    for u in likelihood.unknowns:
+        if u.log:
+            steps.append(1e-4)
+        elif not math.isnan(u.sd):
+            steps.append(1e-2 * u.sd)
+        else:
+            steps.append(1e-3 * u.search if u.search > 0.0 else 1e-5)
+    return np.array(steps)
+
+
+def _jacobian(likelihood: Likelihood, point: np.ndarray, base: np.ndarray) -> np.ndarray:
+    """Derivatives of the residuals (R, D), by one-sided differences that stay within the bounds."""
+    low, high = _bounds(likelihood)
+    steps = np.where(point + _steps(likelihood) > high, -_steps(likelihood), _steps(likelihood))
+    moved = point + np.diag(steps)
+    columns = in_threads(lambda z: _safe_residuals(likelihood, z, len(base)), list(moved), likelihood.workers)
+    return (np.array(columns) - base).T / steps
+
+
+def _refine(likelihood: Likelihood, point: np.ndarray, evaluations: int) -> tuple[np.ndarray, float]:
+    """(point, sum of squared residuals) that least squares reaches in at most so many evaluations."""
+    low, high = _bounds(likelihood)
+    inside = np.clip(point, low, high)
+    length = len(likelihood.residuals(inside))
+    last: dict[str, np.ndarray] = {}
+
+    def residuals(z: np.ndarray) -> np.ndarray:
+        last["point"], last["value"] = z.copy(), _safe_residuals(likelihood, z, length)
+        return last["value"]
+
+    def jacobian(z: np.ndarray) -> np.ndarray:
+        base = last["value"] if np.array_equal(last["point"], z) else residuals(z)
+        return _jacobian(likelihood, z, base)
+
+    found = least_squares(
+        residuals, inside, jacobian, (low - 1e-12, high + 1e-12), x_scale=np.maximum(_steps(likelihood), 1e-12), max_nfev=evaluations,
+        xtol=1e-10, ftol=1e-10,
+    )  # fmt: skip
+    return found.x, 2.0 * float(found.cost)
+
+
+def _mode(likelihood: Likelihood, point: np.ndarray, cost: float) -> Mode:
+    """The mode with its covariance; unknown noise goes to the RMS of the residuals that are left."""
+    residuals = likelihood.residuals(point)
+    J = _jacobian(likelihood, point, residuals)
+    weight = np.ones(len(residuals))
+    point, counted = point.copy(), 0
+    for k, (run, rows) in enumerate(zip(likelihood.experiment.runs, likelihood.rows, strict=True)):
+        count = int(np.sum(~np.isnan(run.readings[rows])))
+        name = f"noise@{k + 1}"
+        if name in likelihood.names and count:
+            scale = max(rms(residuals[counted : counted + count]), 1e-3)
+            weight[counted : counted + count] = 1.0 / scale
+            point[likelihood.names.index(name)] = math.log(likelihood.noise[k] * scale)
+        counted += count
+    information = (J * weight[:, None] ** 2).T @ J
+    for i, u in enumerate(likelihood.unknowns):
+        if u.name.startswith("noise@"):
+            information[i, i] = 2.0 * counted / len(likelihood.rows)
+        # What the data leave open is as wide as its bounds allow.
+        open_width = min(u.high - u.low, 10.0 * max(u.search, abs(u.start), 1e-3)) if not u.log else 5.0
+        information[i, i] += 1.0 / open_width**2
+    return Mode(point, np.linalg.inv(information), cost)
+
+
+def training_rows(experiment: Experiment) -> tuple[list[np.ndarray], list[np.ndarray]]:
+    """(rows to train on, rows held out), one (T,) of bool per run each.
+
+    Held out is what lies beyond fit_to; where no run states it, the last of several runs, else the last third in
+    time.
+    """
+    runs = experiment.runs
+    if any(run.held_out.any() for run in runs):
+        return [run.fitted for run in runs], [run.held_out for run in runs]
+    if len(runs) > 1:
+        train = [run.fitted for run in runs[:-1]] + [np.zeros_like(runs[-1].fitted)]
+        return train, [np.zeros_like(run.fitted) for run in runs[:-1]] + [runs[-1].fitted]
+    run = runs[0]
+    seen = run.times[run.fitted]
+    split = seen[0] + 2.0 / 3.0 * (seen[-1] - seen[0])
+    return [run.fitted & (run.times <= split)], [run.fitted & (run.times > split)]

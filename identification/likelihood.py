@@ -1,0 +1,175 @@
+"""How probable an experiment's readings are for given values of the unknowns."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from cradle_env.cradle import Cradle, InitialState, Release
+from cradle_env.simulation import SimulationError, equilibrium, in_threads, simulate
+from cradle_env.synchronization import WINDOW, newton_exponent, sigma
+from identification.experiment import Experiment
+from identification.measurement import Instrument
+from identification.noise import noise_of
+from identification.runs import Run
+from identification.unknowns import Unknown, model_unknowns, run_unknowns
+
+#: Sampling of θ_n for σ and λ [1/s].
+LAMBDA_RATE = 240.0
+#: Integration steps of the inference are longer than those of `simulate`: 1e-7 rad, far below any noise.
+STEP_FACTOR = 1.7
+
+
+class Likelihood:
+    """The posterior density of an experiment: Gaussian noise about the simulated readings, and the priors.
+
+    rows: which readings count, one (T,) of bool per run; those that may be fitted where omitted. parameters: which of
+    k_f, kappa and b to infer, all that matter where omitted. A point is a vector of sampled coordinates, one per
+    `unknowns`.
+    """
+
+    def __init__(
+        self,
+        experiment: Experiment,
+        rows: list[np.ndarray] | None = None,
+        workers: int | None = None,
+        parameters: Sequence[str] | None = None,
+    ):
+        self.experiment, self.workers, self.parameters = experiment, workers, parameters
+        self.rows = [run.fitted for run in experiment.runs] if rows is None else rows
+        self.noise = [noise_of(run) for run in experiment.runs]
+        self.of_model = model_unknowns(experiment, parameters)
+        self.of_runs = [run_unknowns(experiment, k, self.noise[k]) for k in range(len(experiment.runs))]
+        self.unknowns: tuple[Unknown, ...] = (*self.of_model, *(u for run in self.of_runs for u in run))
+
+    @property
+    def names(self) -> list[str]:
+        """Names of the unknowns."""
+        return [u.name for u in self.unknowns]
+
+    def start(self) -> np.ndarray:
+        """The point from which to search."""
+        return np.array([u.coordinate(u.start) for u in self.unknowns])
+
+    def values(self, point: np.ndarray) -> dict[str, float]:
+        """Values of the unknowns at a point, by name."""
+        return {u.name: float(u.value(z)) for u, z in zip(self.unknowns, point, strict=True)}
+
+    def cradle(self, values: Mapping[str, float], run: Run | None = None) -> Cradle:
+        """The cradle with these values, at the δ of a run (the first where omitted)."""
+        cradle = self.experiment.cradle_of(run or self.experiment.runs[0])
+        fields = {u.name: values[u.name] for u in self.of_model if "." not in u.name}
+        effects = {name: dict(known) for name, known in cradle.effects.items()}
+        for u in self.of_model:
+            if "." in u.name:
+                name, key = u.name.split(".")
+                effects[name][key] = values[u.name]
+        return cradle.replace(**fields, effects=effects)
+
+    def beginning(self, values: Mapping[str, float], index: int) -> tuple[Release | InitialState, float]:
+        """(how run `index` begins, the time in its file at which the simulation starts [s])."""
+        run, at = self.experiment.runs[index], f"@{index + 1}"
+        if run.state == "release":
+            assert run.release is not None
+            error = values.get("release_angle_error" + at, 0.0)
+            release = run.release.release
+            if error != 0.0 and release.angles is None:
+                release = dataclasses.replace(release, angle=release.angle + error)
+            elif error != 0.0:
+                release = dataclasses.replace(
+                    release, angles={i: a + math.copysign(error, a) for i, a in release.angles.items()}
+                )
+            return release, values.get("release_time_error" + at, 0.0)
+        bobs = range(1, self.experiment.cradle.bobs + 1)
+
+        def each(name: str) -> np.ndarray | None:
+            first = f"{name}[1]{at}"
+            return np.array([values[f"{name}[{i}]{at}"] for i in bobs]) if first in values else None
+
+        stretch = each("stretch")
+        cradle = self.cradle(values, run)
+        r = None if stretch is None else equilibrium(cradle.replace(bobs=1, delta=0.0))[1] + stretch
+        theta, theta_dot = each("theta"), each("theta_dot")
+        assert theta is not None and theta_dot is not None
+        return InitialState(theta, theta_dot, r, each("r_dot"), each("tension_ratio")), run.fit_from
+
+    def predict(self, point: np.ndarray, index: int, rows: np.ndarray, with_lambda: bool = False):
+        """(readings (T, N) of run `index` at its times[rows], λ [1/s] of the same run or nan)."""
+        values, run = self.values(point), self.experiment.runs[index]
+        cradle = self.cradle(values, run)
+        beginning, zero = self.beginning(values, index)
+        instrument = Instrument(cradle, run.quantity)
+        wanted = np.maximum(instrument.instants(run.times[rows]) - zero, 0.0)
+        grid = np.arange(int(WINDOW[1] * LAMBDA_RATE) + 1) / LAMBDA_RATE if with_lambda else np.empty(0)
+        times = np.concatenate([wanted, grid])
+        order = np.argsort(times, kind="stable")
+        back = np.empty_like(order)
+        back[order] = np.arange(len(order))
+        motion = simulate(cradle, beginning, times=times[order], ledger=False, step_factor=STEP_FACTOR)
+        theta, r = motion.theta[back], motion.r[back]
+        rest = np.array([values.get(f"rest[{i}]@{index + 1}", 0.0) for i in range(1, cradle.bobs + 1)])
+        still = equilibrium(cradle) if run.quantity == "x" else None
+        readings = instrument.readings(theta[: len(wanted)], r[: len(wanted)], still) + rest
+        if not with_lambda:
+            return readings, math.nan
+        assert isinstance(beginning, Release)
+        end, theta0 = beginning.lead(cradle)
+        return readings, float(newton_exponent(grid, sigma(grid, theta[len(wanted) :, end], theta0, cradle.period)))
+
+    def sigma_of(self, values: Mapping[str, float], index: int) -> float:
+        """Standard deviation of the noise of run `index` [rad or m]."""
+        return values.get(f"noise@{index + 1}", self.noise[index])
+
+    @property
+    def lambda_rides_along(self) -> bool:
+        """Whether λ comes with the likelihood: the first run starts from a release, and there is more than one bob."""
+        return self.experiment.runs[0].state == "release" and self.experiment.cradle.bobs > 1
+
+    def log_density(self, point: np.ndarray) -> tuple[float, float]:
+        """(log posterior density up to a constant, λ [1/s]); −inf where the point is impossible."""
+        prior = sum(u.log_prior(z) for u, z in zip(self.unknowns, point, strict=True))
+        if not math.isfinite(prior):
+            return -math.inf, math.nan
+        total, rate = prior, math.nan
+        values = self.values(point)
+        for k, (run, rows) in enumerate(zip(self.experiment.runs, self.rows, strict=True)):
+            if not rows.any():
+                continue
+            try:
+                readings, found = self.predict(point, k, rows, with_lambda=k == 0 and self.lambda_rides_along)
+            except (SimulationError, ValueError):  # an impossible cradle or release is a point of no probability
+                return -math.inf, math.nan
+            rate = found if k == 0 else rate
+            scale = self.sigma_of(values, k)
+            residual = run.readings[rows] - readings
+            seen = ~np.isnan(run.readings[rows])
+            total -= 0.5 * float(np.sum((residual[seen] / scale) ** 2)) + seen.sum() * math.log(scale)
+        return (total, rate) if math.isfinite(total) else (-math.inf, math.nan)
+
+    def log_densities(self, points: np.ndarray) -> np.ndarray:
+        """log_density at each of (K, D) points, on all cores; shape (K, 2)."""
+        return np.array(in_threads(self.log_density, list(points), self.workers))
+
+    def residuals(self, point: np.ndarray) -> np.ndarray:
+        """Residuals over the noise, missing readings left out, then those of the normal priors; for least squares.
+
+        The noise counts as known here (stated, or estimated from the data), so that its unknown has no residual.
+        """
+        parts = []
+        for k, (run, rows) in enumerate(zip(self.experiment.runs, self.rows, strict=True)):
+            if rows.any():
+                seen = ~np.isnan(run.readings[rows])
+                parts.append(((self.predict(point, k, rows)[0] - run.readings[rows]) / self.noise[k])[seen])
+        prior = [
+            (u.value(z) - u.mean) / u.sd for u, z in zip(self.unknowns, point, strict=True) if not math.isnan(u.sd)
+        ]
+        return np.concatenate([*parts, np.array(prior)])
+
+
+def rms(values: np.ndarray) -> float:
+    """Root mean square of the finite values; nan if there are none."""
+    finite = values[np.isfinite(values)]
+    return float(np.sqrt(np.mean(finite**2))) if len(finite) else math.nan

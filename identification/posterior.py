@@ -1,0 +1,294 @@
+"""What a calibration gives back: the sampled posterior, its summary, and what follows from it."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cradle_env.cradle import Cradle, Release
+from cradle_env.simulation import simulate_batch
+from cradle_env.synchronization import WINDOW
+from identification.experiment import Experiment
+from identification.likelihood import Likelihood
+from identification.unknowns import Unknown
+
+FORMAT = "cradle-posterior/1"
+#: A gap beyond this says that the model does not describe the data.
+MISFIT_GAP = 1.15
+
+
+@dataclass(frozen=True)
+class Gap:
+    """RMS residual over the noise: 1 is the floor. Both from a fit to the training part alone.
+
+    train, held_out: over all runs; nan where there are no such readings. rms: in the unit of the file's quantity
+    (rad or m), by "train" or "held_out", all bobs and each: shape (1 + N,).
+    """
+
+    train: float
+    held_out: float
+    rms: Mapping[str, np.ndarray] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Convergence:
+    """Whether the chains may be trusted. tau: autocorrelation time of the slowest unknown [steps]."""
+
+    converged: bool
+    rhat_max: float
+    ess_min: float
+    tau_max: float
+    steps: int
+    burn_in: int
+    reasons: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """σ(t) and λ of a cradle over draws of a posterior: t (T,) [s], sigma (K, T), newton_exponent (K,) [1/s]."""
+
+    cradle: Cradle
+    release: Release
+    t: np.ndarray
+    sigma: np.ndarray
+    newton_exponent: np.ndarray
+
+    def summary(self) -> dict[str, Any]:
+        """Mean, sd, median and intervals of λ, as in a calibration's summary."""
+        return {"unit": "1/s", **statistics(self.newton_exponent), "window_s": [0.0, WINDOW[1]]}
+
+    def sigma_bands(self) -> dict[str, np.ndarray]:
+        """σ(t): median (T,), ci68 and ci95 (2, T)."""
+        q = np.quantile(self.sigma, (0.025, 0.16, 0.5, 0.84, 0.975), axis=0)
+        return {"median": q[2], "ci68": q[[1, 3]], "ci95": q[[0, 4]]}
+
+
+@dataclass(frozen=True)
+class Posterior:
+    """Samples of the unknowns of an experiment.
+
+    chain: (E, S, W, D) sampled coordinates of E ensembles of W walkers over S steps after burn-in, D as `unknowns`;
+    log_density: (E, S, W); newton_exponents: (E, S, W) λ of the first run's δ and release [1/s], nan for one bob, or
+    None where it does not come with the likelihood (then computed on draws).
+    """
+
+    likelihood: Likelihood
+    chain: np.ndarray
+    log_density: np.ndarray
+    newton_exponents: np.ndarray | None
+    convergence: Convergence
+    gap: Gap
+    seed: int = 0
+
+    @property
+    def experiment(self) -> Experiment:
+        """The experiment that was calibrated."""
+        return self.likelihood.experiment
+
+    @property
+    def unknowns(self) -> tuple[Unknown, ...]:
+        """What was inferred, in the order of the chain's last axis."""
+        return self.likelihood.unknowns
+
+    def samples(self, name: str) -> np.ndarray:
+        """All samples of one unknown in its unit, flat; ValueError for an unknown name."""
+        names = self.likelihood.names
+        if name not in names:
+            raise ValueError(f"{name!r} was not inferred; inferred: {', '.join(names)}")
+        k = names.index(name)
+        return np.asarray(self.unknowns[k].value(self.chain[..., k].ravel()))
+
+    def draws(self, count: int) -> np.ndarray:
+        """`count` points spread evenly over the samples (the same ones each time), shape (count, D)."""
+        flat = self.chain.reshape(-1, self.chain.shape[-1])
+        rng = np.random.default_rng(self.seed)
+        return flat[rng.choice(len(flat), size=count, replace=count > len(flat))]
+
+    def best(self) -> np.ndarray:
+        """The sampled point of highest density, shape (D,)."""
+        return self.chain.reshape(-1, self.chain.shape[-1])[np.argmax(self.log_density)]
+
+    def release(self) -> Release:
+        """The first run's release; where it was not seen, of its first peak as the data show it."""
+        run = self.experiment.runs[0]
+        if run.release is not None:
+            return run.release.release
+        readings = run.readings if run.quantity == "theta" else run.readings / self.experiment.cradle.length
+        early = run.fitted & (run.times <= run.fit_from + 1.1 * self.experiment.cradle.period)
+        peaks = np.nan_to_num(np.nanmax(np.abs(readings[early]), axis=0))
+        bob = self.experiment.cradle.bobs if peaks[-1] >= peaks[0] else 1
+        return Release(angles={bob: float(peaks[bob - 1]) * (1.0 if bob > 1 else -1.0)})
+
+    def newton_exponent(self, count: int = 400) -> np.ndarray:
+        """Samples of λ [1/s] of the first run's δ and release over 0 to 60 s, simulated; empty for one bob."""
+        if self.experiment.cradle.bobs == 1:
+            return np.empty(0)
+        if self.newton_exponents is not None:
+            return self.newton_exponents.ravel()
+        return self.predict(count=count).newton_exponent
+
+    def predict(
+        self,
+        delta: float | tuple[float, ...] | None = None,
+        release_angle: float | None = None,
+        bobs: int | None = None,
+        count: int = 200,
+        duration: float = WINDOW[1],
+        sample_rate: float = 240.0,
+    ) -> Prediction:
+        """σ(t) and λ at any δ, release angle [rad] and number of bobs, over `count` draws; the first run's where
+        omitted. Raises ValueError for impossible settings."""
+        release = self.release()
+        if release_angle is not None:
+            release = Release(angle=release_angle, start=release.start)
+        elif bobs is not None and bobs != self.experiment.cradle.bobs:
+            release = Release(angle=release.lead(self.experiment.cradle)[1], start=release.start)
+        cradles = []
+        for point in self.draws(count):
+            cradle = self.likelihood.cradle(self.likelihood.values(point))
+            fields: dict[str, Any] = {"bobs": bobs or cradle.bobs}
+            uniform = float(np.mean(cradle.gaps)) if cradle.bobs > 1 else 0.0
+            fields["delta"] = delta if delta is not None else (uniform if bobs else cradle.delta)
+            cradles.append(cradle.replace(**fields))
+        if cradles[0].bobs == 1:
+            raise ValueError("one bob has nothing to synchronize with; predict for 2 bobs or more")
+        runs = simulate_batch(
+            cradles, release, duration, sample_rate, step_factor=1.5, workers=self.likelihood.workers
+        )
+        return Prediction(
+            cradles[0],
+            release,
+            runs[0].t,
+            np.array([run.sigma() for run in runs]),
+            np.array([run.newton_exponent() for run in runs]),
+        )
+
+    def summary(self) -> dict[str, Any]:
+        """What `summary.json` holds."""
+        from cradle_env import __version__
+
+        c = self.convergence
+        rates = self.newton_exponent()
+        return {
+            "format": FORMAT,
+            "version": __version__,
+            "seed": self.seed,
+            "inputs": self.experiment.digest,
+            "converged": c.converged,
+            "rhat_max": c.rhat_max,
+            "ess_min": c.ess_min,
+            "tau_max": c.tau_max,
+            "steps": c.steps,
+            "burn_in": c.burn_in,
+            "not_converged_because": list(c.reasons),
+            "parameters": {
+                u.name: {"unit": u.unit, **statistics(self.samples(u.name))} for u in self.unknowns if not u.nuisance
+            },
+            "nuisance": {
+                u.name: {"unit": u.unit, **statistics(self.samples(u.name))} for u in self.unknowns if u.nuisance
+            },
+            "lambda": {"unit": "1/s", **statistics(rates), "window_s": [0.0, WINDOW[1]]} if len(rates) else None,
+            "gap": {"train": self.gap.train, "held_out": self.gap.held_out},
+            "model_describes_data": bool(max(self.gap.train, np.nan_to_num(self.gap.held_out)) <= MISFIT_GAP),
+        }
+
+    def save(self, path: str | Path) -> Path:
+        """Writes the samples, in their units, as an ArviZ netCDF file, with what is needed to load it again."""
+        import arviz
+        import xarray
+
+        path = Path(path)
+        E, S, W, D = self.chain.shape
+        by_chain = np.swapaxes(self.chain, 1, 2).reshape(E * W, S, D)
+        dims = ("chain", "draw")
+        data = {u.name: (dims, u.value(by_chain[..., k])) for k, u in enumerate(self.unknowns)}
+        if self.newton_exponents is not None:
+            data["lambda"] = (dims, np.swapaxes(self.newton_exponents, 1, 2).reshape(E * W, S))
+        posterior = xarray.Dataset(data, coords={"chain": np.arange(E * W), "draw": np.arange(S)})
+        for u in self.unknowns:
+            posterior[u.name].attrs["units"] = u.unit
+        stats = xarray.Dataset({"lp": (dims, np.swapaxes(self.log_density, 1, 2).reshape(E * W, S))})
+        posterior.attrs |= {
+            "format": FORMAT,
+            "ensembles": E,
+            "seed": self.seed,
+            "experiment": json.dumps(self.experiment_files()),
+            "convergence": json.dumps(dataclasses.asdict(self.convergence)),
+            "gap": json.dumps([self.gap.train, self.gap.held_out]),
+        }
+        del arviz
+        temporary = path.with_name(path.name + ".part")
+        temporary.unlink(missing_ok=True)
+        posterior.to_netcdf(temporary, group="posterior", engine="h5netcdf")
+        stats.to_netcdf(temporary, mode="a", group="sample_stats", engine="h5netcdf")
+        os.replace(temporary, path)
+        return path
+
+    def experiment_files(self) -> dict[str, str]:
+        """The experiment as text files by name, so that a saved posterior carries it along."""
+        return self.experiment._texts()
+
+    @classmethod
+    def load(cls, path: str | Path, workers: int | None = None) -> Posterior:
+        """Reads what `save` wrote; ValueError if it is not such a file."""
+        import tempfile
+
+        import xarray
+
+        path = Path(path)
+        try:
+            with xarray.open_dataset(path, group="posterior", engine="h5netcdf") as posterior:
+                posterior.load()
+            with xarray.open_dataset(path, group="sample_stats", engine="h5netcdf") as stats:
+                stats.load()
+        except (OSError, ValueError, KeyError) as problem:
+            raise ValueError(f"{path} is not a posterior of `cradle calibrate`: {problem}") from None
+        if posterior.attrs.get("format") != FORMAT:
+            raise ValueError(f"{path} has format {posterior.attrs.get('format')!r}; expected {FORMAT!r}")
+        with tempfile.TemporaryDirectory() as folder:
+            for name, text in json.loads(posterior.attrs["experiment"]).items():
+                (Path(folder) / name).write_text(text, encoding="utf-8")
+            experiment = Experiment.load(Path(folder) / "experiment.toml")
+        likelihood = Likelihood(experiment, workers=workers)
+        E = int(posterior.attrs["ensembles"])
+
+        def shaped(values: np.ndarray) -> np.ndarray:
+            chains, draws = values.shape
+            return np.swapaxes(values.reshape(E, chains // E, draws), 1, 2)
+
+        coordinates = [
+            shaped(np.log(posterior[u.name].values) if u.log else posterior[u.name].values) for u in likelihood.unknowns
+        ]
+        convergence = json.loads(posterior.attrs["convergence"])
+        convergence["reasons"] = tuple(convergence["reasons"])
+        return cls(
+            likelihood,
+            np.stack(coordinates, axis=-1),
+            shaped(stats["lp"].values),
+            shaped(posterior["lambda"].values) if "lambda" in posterior else None,
+            Convergence(**convergence),
+            Gap(*json.loads(posterior.attrs["gap"])),
+            int(posterior.attrs["seed"]),
+        )
+
+
+def statistics(samples: np.ndarray) -> dict[str, Any]:
+    """Mean, sd, median, central 68 and 95 % intervals of samples; nan left out."""
+    finite = samples[np.isfinite(samples)]
+    if len(finite) == 0:
+        return {"mean": None, "sd": None, "median": None, "ci68": [None, None], "ci95": [None, None]}
+    q = np.quantile(finite, (0.025, 0.16, 0.5, 0.84, 0.975))
+    return {
+        "mean": float(finite.mean()),
+        "sd": float(finite.std(ddof=1)) if len(finite) > 1 else 0.0,
+        "median": float(q[2]),
+        "ci68": [float(q[1]), float(q[3])],
+        "ci95": [float(q[0]), float(q[4])],
+    }

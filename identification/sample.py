@@ -1,0 +1,267 @@
+"""emcee in separate ensembles, over the batch of simulations; checkpoints that survive a kill; when to stop."""
+
+from __future__ import annotations
+
+import math
+import os
+import shutil
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+import emcee
+import h5py
+import numpy as np
+
+from identification.files import ExperimentError
+from identification.fit import Mode, Progress
+from identification.likelihood import Likelihood
+from identification.posterior import Convergence
+
+ENSEMBLES = 2
+#: What a chain must reach before it is called converged.
+RHAT, ESS, TAUS = 1.01, 400.0, 50.0
+#: Seconds between checkpoints, about: what a kill can lose.
+_CHECKPOINT = 8.0
+#: The walkers start this many times as wide as the mode: from outside in.
+_OVERDISPERSION = 1.5
+
+
+@dataclass(frozen=True)
+class Chains:
+    """Sampled so far: chain (E, S, W, D), log_density (E, S, W), newton_exponent (E, S, W)."""
+
+    chain: np.ndarray
+    log_density: np.ndarray
+    newton_exponent: np.ndarray
+
+
+class NearMode(emcee.moves.MHMove):
+    """Proposes points about the mode whatever the walker's own: a multivariate t with the mode's covariance.
+
+    Where the posterior is nearly Gaussian almost every proposal is taken, and τ falls to a few steps; where it is
+    not, the other moves carry on. The correction for the density of the proposal keeps the balance exact.
+    """
+
+    _FREEDOM, _WIDTH = 5.0, 1.1
+
+    def __init__(self, mode: Mode):
+        self.point, self.root = mode.point, np.linalg.cholesky(mode.covariance) * self._WIDTH
+        super().__init__(self._propose)
+
+    def _propose(self, coordinates: np.ndarray, random) -> tuple[np.ndarray, np.ndarray]:
+        W, D = coordinates.shape
+        heavy = np.sqrt(self._FREEDOM / random.chisquare(self._FREEDOM, W))
+        proposed = self.point + (random.standard_normal((W, D)) * heavy[:, None]) @ self.root.T
+        return proposed, self._log_density(coordinates) - self._log_density(proposed)
+
+    def _log_density(self, points: np.ndarray) -> np.ndarray:
+        distance = np.sum(np.linalg.solve(self.root, (points - self.point).T) ** 2, axis=0)
+        return -0.5 * (self._FREEDOM + len(self.point)) * np.log1p(distance / self._FREEDOM)
+
+
+class Checkpoint:
+    """The chains on disk: chain.h5, in emcee's HDF format, one group per ensemble.
+
+    A stretch of sampling works on a copy that then takes the file's place, so that a kill leaves the last whole one.
+    """
+
+    def __init__(self, path: Path, likelihood: Likelihood, seed: int):
+        self.path, self.likelihood, self.seed = path, likelihood, seed
+
+    def exists(self) -> bool:
+        """Whether there are chains of this very inference to go on with; ExperimentError if of another."""
+        if not self.path.exists():
+            return False
+        try:
+            with h5py.File(self.path, "r") as file:
+                digest, names = file.attrs["inputs"], list(file.attrs["names"])
+        except (OSError, KeyError) as problem:
+            raise ExperimentError(f"{self.path}: not a chain that can be resumed ({problem}); remove it") from None
+        if digest != self.likelihood.experiment.digest or names != self.likelihood.names:
+            raise ExperimentError(
+                f"{self.path}: holds chains of other data or unknowns; choose another --out, or remove the file"
+            )
+        return True
+
+    def begin(self, mode: Mode) -> None:
+        """A file without steps, with the mode from which sampling starts."""
+        part = self._part()
+        with h5py.File(part, "w") as file:
+            file.attrs["inputs"] = self.likelihood.experiment.digest
+            file.attrs["names"] = self.likelihood.names
+            file.attrs["seed"] = self.seed
+            file["mode/point"], file["mode/covariance"], file["mode/cost"] = mode.point, mode.covariance, mode.cost
+        os.replace(part, self.path)
+
+    def mode(self) -> Mode:
+        """The mode from which sampling started."""
+        with h5py.File(self.path, "r") as file:
+            return Mode(file["mode/point"][:], file["mode/covariance"][:], float(file["mode/cost"][()]))
+
+    def _part(self) -> Path:
+        return self.path.with_name(self.path.name + ".part")
+
+    def backend(self, ensemble: int, path: Path | None = None) -> emcee.backends.HDFBackend:
+        """emcee's view of one ensemble."""
+        return emcee.backends.HDFBackend(str(path or self.path), name=f"ensemble_{ensemble + 1}")
+
+    def open_copy(self) -> Path:
+        """A copy to work on."""
+        return Path(shutil.copyfile(self.path, self._part()))
+
+    def commit(self) -> None:
+        """The copy takes the file's place."""
+        with open(self._part(), "rb") as file:
+            os.fsync(file.fileno())
+        os.replace(self._part(), self.path)
+
+    def steps(self) -> int:
+        """Steps that all ensembles have taken."""
+        with h5py.File(self.path, "r") as file:
+            groups = [file.get(f"ensemble_{k + 1}") for k in range(ENSEMBLES)]
+            return min(int(g.attrs["iteration"]) if g is not None else 0 for g in groups)
+
+    def read(self) -> Chains:
+        """All that was sampled by all ensembles."""
+        steps = self.steps()
+        parts = []
+        for k in range(ENSEMBLES):
+            backend = self.backend(k)
+            parts.append((backend.get_chain()[:steps], backend.get_log_prob()[:steps], backend.get_blobs()[:steps]))
+        chain, log_density, blobs = (np.array(group) for group in zip(*parts, strict=True))
+        return Chains(chain, log_density, blobs.reshape(log_density.shape))
+
+
+def walkers_for(likelihood: Likelihood) -> int:
+    """Walkers of one ensemble: more than twice the unknowns, as the moves demand, and even."""
+    return max(16, 2 * len(likelihood.unknowns) + 4)
+
+
+def sample(
+    likelihood: Likelihood,
+    checkpoint: Checkpoint,
+    *,
+    steps: int | None,
+    max_steps: int,
+    progress: Progress,
+) -> Convergence:
+    """Samples until converged, or exactly to `steps` in total, at most to `max_steps`; goes on where it stopped.
+
+    After every stretch the chains are on disk. Random numbers depend on the seed and the step alone, so that a resumed chain is the uninterrupted one.
+    """
+    goal = max_steps if steps is None else steps
+    mode = checkpoint.mode()
+    stretch, done, began, first = 4, checkpoint.steps(), time.monotonic(), checkpoint.steps()
+    while True:
+        verdict = convergence(checkpoint.read()) if done else None
+        if done >= goal or (steps is None and verdict is not None and verdict.converged):
+            assert verdict is not None
+            return verdict
+        stretch = min(stretch, goal - done)
+        if done < _PROBE:
+            stretch = min(stretch, _PROBE - done)
+        start = time.monotonic()
+        _advance(likelihood, mode, checkpoint, done, stretch)
+        done += stretch
+        took = time.monotonic() - start
+        stretch = max(1, min(4 * stretch, round(stretch * _CHECKPOINT / max(took, 1e-3))))
+        _tell(progress, likelihood, checkpoint, goal, steps, done, done - first, time.monotonic() - began)
+
+
+#: Steps before the first verdict.
+_PROBE = 40
+
+
+def _tell(progress, likelihood, checkpoint, goal, steps, done, new, seconds) -> None:
+    """Reports how far the chains are, how fast, and how long it will take as far as can be told."""
+    rate = new / max(seconds, 1e-9)
+    verdict = convergence(checkpoint.read())
+    wanted = goal
+    if steps is None and math.isfinite(verdict.tau_max):
+        wanted = min(goal, math.ceil((TAUS + 4.0) * verdict.tau_max))
+        if verdict.ess_min > 0:
+            wanted = max(wanted, min(goal, math.ceil(done * ESS / verdict.ess_min)))
+    left = max(wanted - done, 0) / rate
+    runs = rate * ENSEMBLES * walkers_for(likelihood)
+    text = f"step {done} of about {max(wanted, done)}, {runs:.0f} simulations/s, R̂ {verdict.rhat_max:.3f}, ESS {verdict.ess_min:.0f}"
+    progress("sample", min(1.0, done / max(wanted, done, 1)), f"{text}, about {left:.0f} s left")
+
+
+def _advance(likelihood: Likelihood, mode: Mode, checkpoint: Checkpoint, done: int, count: int) -> None:
+    """Takes `count` steps of every ensemble on a copy of the file, which then takes its place."""
+    part = checkpoint.open_copy()
+    D, W = len(likelihood.unknowns), walkers_for(likelihood)
+    for k in range(ENSEMBLES):
+        backend = checkpoint.backend(k, part)
+        sampler = emcee.EnsembleSampler(
+            W,
+            D,
+            likelihood.log_densities,
+            moves=[(NearMode(mode), 0.6), (emcee.moves.DEMove(), 0.3), (emcee.moves.DESnookerMove(), 0.1)],
+            backend=backend,
+            vectorize=True,
+        )
+        if done == 0:
+            begin = _scattered(likelihood, mode, W, np.random.default_rng([checkpoint.seed, k]))
+        else:
+            last = backend.get_last_sample()
+            begin = emcee.State(last.coords, log_prob=last.log_prob, blobs=last.blobs)
+        begin.random_state = np.random.RandomState([checkpoint.seed, k, done]).get_state()
+        for _ in sampler.sample(begin, iterations=count, skip_initial_state_check=done > 0):
+            pass
+    checkpoint.commit()
+
+
+def _scattered(likelihood: Likelihood, mode: Mode, walkers: int, rng: np.random.Generator) -> emcee.State:
+    """Possible points drawn about the mode, wider than the posterior."""
+    root = np.linalg.cholesky(mode.covariance) * _OVERDISPERSION
+    points: list[np.ndarray] = []
+    for _ in range(1000):
+        drawn = mode.point + rng.standard_normal((walkers, len(mode.point))) @ root.T
+        density = likelihood.log_densities(drawn)[:, 0]
+        points.extend(drawn[np.isfinite(density)])
+        if len(points) >= walkers:
+            return emcee.State(np.array(points[:walkers]))
+    raise ValueError("no possible point near the best fit; widen the priors in [infer]")
+
+
+def convergence(chains: Chains) -> Convergence:
+    """R̂, effective sample size and autocorrelation time of the slowest unknown (λ included), and the verdict.
+
+    Burn-in: the first fifth, at least two autocorrelation times. R̂ compares the halves of the separate ensembles:
+    walkers of one ensemble move by each other's positions, so that they are no independent chains. ESS counts all
+    samples over τ.
+    """
+    E, S, W, D = chains.chain.shape
+    series = np.concatenate([chains.chain, chains.newton_exponent[..., None]], axis=-1)
+    varying = np.isfinite(series).all(axis=(0, 1, 2)) & (series.std(axis=(0, 1, 2)) > 0.0)
+    series = series[..., varying]
+    if S < _PROBE or series.shape[-1] == 0:
+        return Convergence(False, math.nan, 0.0, math.nan, S, S // 2, ("too few steps to tell",))
+    tau = _autocorrelation(series[:, S // 5 :])
+    burn = min(S // 2, max(S // 5, math.ceil(2.0 * tau)))
+    kept = series[:, burn:]
+    tau = _autocorrelation(kept)
+    n = kept.shape[1] // 2
+    halves = np.concatenate([kept[:, :n], kept[:, -n:]]).reshape(2 * E, -1, kept.shape[-1])
+    within, between = halves.var(axis=1, ddof=1).mean(axis=0), halves.mean(axis=1).var(axis=0, ddof=1)
+    rhat = float(np.sqrt(1.0 + between / within).max())
+    ess = E * W * kept.shape[1] / tau
+    reasons = []
+    if not rhat < RHAT:
+        reasons.append(f"R̂ = {rhat:.4f}, wanted below {RHAT}")
+    if not ess >= ESS:
+        reasons.append(f"ESS = {ess:.0f}, wanted at least {ESS:.0f}")
+    if not kept.shape[1] >= TAUS * tau:
+        reasons.append(f"{kept.shape[1]} steps are {kept.shape[1] / tau:.0f} τ, wanted {TAUS:.0f} τ (τ = {tau:.0f})")
+    return Convergence(not reasons, rhat, float(ess), float(tau), S, burn, tuple(reasons))
+
+
+def _autocorrelation(series: np.ndarray) -> float:
+    """Integrated autocorrelation time [steps] of the slowest column of (E, S, W, K), at least 1."""
+    slowest = 1.0
+    for ensemble in series:
+        tau = emcee.autocorr.integrated_time(ensemble, c=5, tol=0, quiet=True)
+        slowest = max(slowest, float(np.nanmax(tau)))
+    return slowest

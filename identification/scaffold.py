@@ -1,0 +1,131 @@
+"""A first experiment.toml for a data file: guesses from the data, each with what to check."""
+
+from __future__ import annotations
+
+import math
+import os
+from pathlib import Path
+
+import numpy as np
+
+from cradle_env.cradle import Cradle
+from identification.csv_data import read_recording
+from identification.experiment import Experiment
+from identification.experiment_file import FILE_NAME, FORMAT
+from identification.files import ExperimentError, write_together
+from identification.recording import Recording
+from identification.toml_file import toml_text
+
+
+def scaffold(data_csv: Path, out: Path | None = None, *, overwrite: bool = False) -> Path:
+    """Writes an experiment.toml for a data file, beside it or at `out`, that loads at once; its path.
+
+    Raises ExperimentError if the data are unusable, or if the file exists and overwrite is not set.
+    """
+    data_csv = Path(data_csv)
+    out = data_csv.parent / FILE_NAME if out is None else Path(out)
+    if out.is_dir():
+        out = out / FILE_NAME
+    if out.exists() and not overwrite:
+        raise ExperimentError(f"{out}: exists already; name another file, or say that it may be overwritten")
+    text = scaffold_text(read_recording(data_csv), _relative(data_csv, out.parent))
+    out.parent.mkdir(parents=True, exist_ok=True)
+    Experiment.parse(text, out)
+    write_together(out.parent, {out.name: text})
+    return out
+
+
+def _relative(file: Path, folder: Path) -> str:
+    try:
+        return Path(os.path.relpath(file, folder)).as_posix()
+    except ValueError:  # another drive
+        return file.resolve().as_posix()
+
+
+def scaffold_text(recording: Recording, file: str) -> str:
+    """The experiment.toml for a recording in a file of that name."""
+    bobs = recording.readings.shape[1]
+    default = Cradle(bobs=bobs)
+    moved = recording.displacements()
+    widest = float(np.max(np.abs(moved), initial=0.0, where=~np.isnan(moved)))
+    length = default.length
+    if recording.quantity == "x" and widest < 2.0:  # beyond, the unit is wrong, and is refused
+        length = max(length, math.ceil(150.0 * widest) / 100.0)
+    lifted = _lifted(recording, moved, widest)
+    angles = {
+        bob: math.asin(min(max(x / length, -1.0), 1.0)) if recording.quantity == "x" else x for bob, x in lifted.items()
+    }
+    steepest = max(map(abs, angles.values()), default=0.0)
+    if steepest > math.pi:
+        angles = {}
+    base = "nsp" if bobs > 1 and steepest <= 1.5 else "pendulum"
+    rest = "free" if recording.absolute else "known"
+    unit = recording.unit
+    lines = [
+        f"format = {toml_text(FORMAT)}",
+        "",
+        "# What is known of the cradle, in SI units. Every entry is a guess: check it.",
+        "[cradle]",
+        f"bobs = {bobs}  # the highest bob in the data; count those that were not seen too",
+        f"length = {length:g}  # m, from the pivot to the centre of a bob; measure it",
+        f"pivot_half_spacing = {default.pivot_half_spacing:g}  # m, half the distance between a bob's two pivots",
+        f"mass = {default.mass:g}  # kg, of one bob; weigh it",
+        f"radius = {default.radius:g}  # m, of a bob",
+        f"k_f = {default.k_f:g}  # N s m^-3/2, dissipation in impacts: where the inference starts",
+        f"# kappa = {default.kappa:.4g}  # N/m, stiffness of one string; from beta = 0.114 where omitted",
+        f"b = {default.b:g}  # kg/s, linear drag: where the inference starts",
+        "",
+        "[model]",
+        f'base = "{base}"  # "nsp": on strings; "pendulum": on rigid rods; "ho": small swings on rigid rods',
+        "effects = []  # more of the catalogue, such as exposure_blur for a camera with an open shutter",
+        "",
+        "[[run]]",
+        f"file = {toml_text(file)}",
+        *_release_lines(angles, bobs),
+        "delta = 0.0  # gap between pivots over the diameter of a bob, less 1: 0 where bobs just touch at rest",
+        f"# noise = {0.001 / recording.scale:.3g}  # {unit}, 1 sigma of one reading; inferred where omitted",
+        f"# fit_from = {max(0.0, recording.times[0]):g}  # s; earlier data are not used: a messy release, say",
+        f"# fit_to = {recording.times[-1]:g}  # s; later data are held out, to test predictions on",
+        f'rest = "{rest}"  # "free" if the rest position of each bob in the file is uncertain',
+        "",
+        "# Unknowns beside k_f, kappa and b; take out the # of what was not measured well.",
+        "[infer]",
+        f"# length = {{ mean = {length:g}, sd = {0.01 * length:.2g} }}",
+        "# delta = { low = -0.01, high = 0.01 }",
+        "",
+    ]
+    return "\n".join(lines)
+
+
+def _lifted(recording: Recording, moved: np.ndarray, widest: float) -> dict[int, float]:
+    """{bob: first reading} of those at rest far out when the run begins; empty if it was not seen to begin."""
+    if widest == 0.0 or not -0.05 <= recording.times[0] <= 0.05:
+        return {}
+    first = {}
+    for bob, column in enumerate(moved[:5].T, 1):
+        seen = column[~np.isnan(column)]
+        if len(seen):
+            first[bob] = float(seen[0])
+    largest = max(map(abs, first.values()), default=0.0)
+    if largest < 0.9 * widest:
+        return {}
+    return {bob: x for bob, x in first.items() if abs(x) > 0.5 * largest}
+
+
+def _release_lines(angles: dict[int, float], bobs: int) -> list[str]:
+    """The release and the state from which a run starts."""
+    if not angles:
+        return [
+            "# release = { bobs = 1, angle = 0.2, angle_sd = 0.001 }  # rad; the data do not begin with a release",
+            'state = "free"  # the initial state is inferred; "release": starts at t = 0, at rest, as stated',
+        ]
+    values = list(angles.values())
+    together = sorted(angles) == list(range(bobs - len(angles) + 1, bobs + 1)) and np.ptp(values) < 0.02
+    if together:
+        which = f"bobs = {len(angles)}, angle = {np.mean(values):.4g}"
+    else:
+        which = "angles = { " + ", ".join(f"{bob} = {angle:.4g}" for bob, angle in angles.items()) + " }"
+    return [
+        f'release = {{ {which}, angle_sd = 0.002, start = "unstretched" }}  # rad, from the first rows; check',
+        'state = "release"  # starts at t = 0, at rest, as stated; "free": the initial state is inferred',
+    ]

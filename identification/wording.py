@@ -1,0 +1,121 @@
+"""How symbols, units, rounded numbers and verdicts are put, the same in pictures, report and terminal."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+_SUBSCRIPTS = str.maketrans("₀₁₂₃₄₅₆₇₈₉", "0123456789")
+_SUPERSCRIPTS = str.maketrans("0123456789-", "⁰¹²³⁴⁵⁶⁷⁸⁹⁻")
+
+
+def _parts(symbol: str) -> tuple[str, str]:
+    """(letter, subscript) of a symbol such as "k_f" or "c₂"."""
+    letter, _, subscript = re.sub(r"([₀-₉]+)", r"_\1", symbol).partition("_")
+    return letter, subscript.translate(_SUBSCRIPTS)
+
+
+def mathtext(symbol: str) -> str:
+    """A symbol as Matplotlib sets it: k_f with an index."""
+    letter, subscript = _parts(symbol)
+    return f"${letter}_{{\\mathrm{{{subscript}}}}}$" if subscript else f"${letter}$"
+
+
+def markup(symbol: str) -> str:
+    """A symbol as HTML."""
+    letter, subscript = _parts(symbol)
+    return f"<i>{letter}</i>" + (f"<sub>{subscript}</sub>" if subscript else "")
+
+
+def unit_mathtext(unit: str, exponent: int = 0) -> str:
+    """ [10^k unit] for the label of an axis; empty for a plain number."""
+    factor = f"$10^{{{exponent}}}$" if exponent else ""
+    unit = "" if unit == "1" else re.sub(r"\^(-?[\d/]+)", r"$^{\1}$", unit)
+    inside = " ".join(part for part in (factor, unit) if part)
+    return f" [{inside}]" if inside else ""
+
+
+def unit_markup(unit: str, exponent: int = 0) -> str:
+    """A unit, times a power of ten, as HTML; empty for a plain number."""
+    factor = f"10<sup>{exponent}</sup>".replace("-", "−") if exponent else ""
+    unit = "" if unit == "1" else re.sub(r"\^(-?[\d/]+)", lambda m: f"<sup>{m[1].replace('-', '−')}</sup>", unit)
+    return " ".join(part for part in (factor, unit) if part)
+
+
+def unit_plain(unit: str, exponent: int = 0) -> str:
+    """A unit, times a power of ten, as plain text."""
+    factor = f"10{str(exponent).translate(_SUPERSCRIPTS)}" if exponent else ""
+    unit = "" if unit == "1" else unit
+    return " ".join(part for part in (factor, unit) if part)
+
+
+@dataclass(frozen=True)
+class Rounding:
+    """How the numbers of one quantity are shown: in units of 10^exponent, with so many decimals."""
+
+    exponent: int
+    decimals: int
+
+    @classmethod
+    def of(cls, value: float, sd: float) -> Rounding:
+        """Two digits of the uncertainty; a power of ten, by threes, for what is below 0.01 or from 100 000 on."""
+        size = abs(value) if value else abs(sd)
+        plain = size == 0.0 or not math.isfinite(size) or 0.01 <= size < 1e5
+        exponent = 0 if plain else 3 * math.floor(math.log10(size) / 3.0)
+        step = sd if math.isfinite(sd) and sd > 0.0 else (size or 1.0) * 1e-3
+        return cls(exponent, max(0, 1 - math.floor(math.log10(step) + 1e-9 - exponent)))
+
+    def text(self, value: float | None) -> str:
+        """The value in units of 10^exponent."""
+        if value is None or not math.isfinite(value):
+            return "–"
+        return f"{value / 10.0**self.exponent:.{self.decimals}f}".replace("-", "−")
+
+
+def rounding_of(statistics: Mapping[str, Any]) -> Rounding:
+    """How the numbers of an entry of a summary are shown."""
+    return Rounding.of(statistics["median"] or 0.0, statistics["sd"] or 0.0)
+
+
+def shown(statistics: Mapping[str, Any]) -> dict[str, str]:
+    """median, sd, ci68 and ci95 of an entry of a summary as text, in units of unit_plain(unit, exponent)."""
+    rounding = rounding_of(statistics)
+    texts = {key: rounding.text(statistics[key]) for key in ("median", "sd")}
+    return texts | {key: " to ".join(map(rounding.text, statistics[key])) for key in ("ci68", "ci95")}
+
+
+def number(value: float | None, digits: int = 3) -> str:
+    """A plain number to some digits; a dash where there is none."""
+    return "–" if value is None or not math.isfinite(value) else f"{value:.{digits}g}"
+
+
+def convergence_verdict(summary: Mapping[str, Any]) -> str:
+    """Whether the chains may be trusted, in a sentence or two."""
+    figures = (
+        f"R̂ at most {number(summary['rhat_max'], 4)}, effective samples at least {number(summary['ess_min'], 4)},"
+        f" {summary['steps']} steps with an autocorrelation time of {number(summary['tau_max'])} at most"
+    )
+    if summary["converged"]:
+        return f"The chains have converged: {figures}."
+    reasons = "; ".join(summary["not_converged_because"]) or figures
+    return (
+        f"The chains have not converged: {reasons}. The intervals are provisional;"
+        " run the same command again with a larger --max-steps to go on from here."
+    )
+
+
+def model_verdict(summary: Mapping[str, Any]) -> str:
+    """Whether the model describes the data, in words."""
+    train, held_out = summary["gap"]["train"], summary["gap"]["held_out"]
+    figures = f"the residuals are {number(train)} times the noise where it was fitted"
+    if held_out is not None and math.isfinite(held_out):
+        figures += f" and {number(held_out)} times on data held out (1 is the floor)"
+    if summary["model_describes_data"]:
+        return f"The model describes these data: {figures}."
+    return (
+        f"The model does not describe these data: {figures}. The intervals must not be trusted: they would hold"
+        " if the model were right, and it is not. Something is missing from it, or wrong in what is stated as known."
+    )
