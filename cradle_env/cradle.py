@@ -20,6 +20,10 @@ STANDARD_BETA = 0.114
 POWER_LAW_SPEEDS = (0.02, 1.0)
 
 
+# Beyond this, in SI units, a number is a slip of the pen, and squares of it leave the range of numbers.
+_LARGEST = 1e12
+
+
 @dataclass(frozen=True, eq=True)
 class Cradle:
     """N equal bobs on strings, and the model of them.
@@ -53,19 +57,22 @@ class Cradle:
 
     def __post_init__(self) -> None:
         put = functools.partial(object.__setattr__, self)
-        if isinstance(self.bobs, bool) or int(self.bobs) != self.bobs or not 1 <= self.bobs <= 200:
+        bobs = check_range("bobs", self.bobs, "", 1, 200)
+        if bobs != int(bobs):
             raise ValueError(f"bobs is {self.bobs!r}; it must be a whole number from 1 to 200")
-        put("bobs", int(self.bobs))
+        put("bobs", int(bobs))
         for name, unit in (("length", "m"), ("mass", "kg"), ("radius", "m"), ("gravity", "m/s^2")):
-            put(name, check_range(name, getattr(self, name), unit, 0.0, above=True))
+            put(name, check_range(name, getattr(self, name), unit, 0.0, _LARGEST, above=True))
         put("youngs_modulus", check_range("youngs_modulus", self.youngs_modulus, "Pa", 0.0, above=True))
         put("poisson_ratio", check_range("poisson_ratio", self.poisson_ratio, "", -1.0, 0.5, above=True))
         for name, unit in (("pivot_half_spacing", "m"), ("k_f", "N s/m^(3/2)"), ("b", "kg/s")):
-            put(name, check_range(name, getattr(self, name), unit, 0.0))
+            put(name, check_range(name, getattr(self, name), unit, 0.0, _LARGEST))
         put("restitution", check_range("restitution", self.restitution, "", 0.0, 1.0))
         kappa = self._kappa_for(STANDARD_BETA) if self.kappa is None else self.kappa
         put("kappa", check_range("kappa", kappa, "N/m", 0.0, above=True))
         if self.power_law is not None:
+            if len(self.power_law) != 2:
+                raise ValueError(f"power_law is {self.power_law!r}; it must be the pair (alpha, n)")
             alpha, n = self.power_law
             put("power_law", (check_range("alpha", alpha, "", 0.0), check_range("n", n, "", 0.0)))
         put("delta", self._checked_delta())
@@ -149,7 +156,7 @@ class Cradle:
             return 1.0 - self.restitution, 0.0
         if self.power_law is not None:
             return self.power_law
-        from cradle_env.simulation import fit_power_law
+        from cradle_env.collisions import fit_power_law
 
         return fit_power_law(self, *POWER_LAW_SPEEDS)
 
@@ -193,8 +200,10 @@ class Release:
             raise ValueError(f"start is {self.start!r}; it must be 'unstretched' or 'hanging'")
         if self.angle is not None:
             object.__setattr__(self, "angle", check_range("release angle", self.angle, "rad", -math.pi, math.pi))
-            if int(self.bobs) != self.bobs or self.bobs < 1:
+            bobs = check_range("release bobs", self.bobs, "", 1, 200)
+            if bobs != int(bobs):
                 raise ValueError(f"release bobs is {self.bobs!r}; it must be a whole number, at least 1")
+            object.__setattr__(self, "bobs", int(bobs))
         else:
             angles = {int(i): check_range(f"release angle of bob {i}", a, "rad", -math.pi, math.pi)
                       for i, a in (self.angles or {}).items()}  # fmt: skip

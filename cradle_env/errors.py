@@ -28,7 +28,7 @@ def check_range(
     """The value as a float if it is finite and within [low, high] (low excluded with `above`); else ValueError."""
     try:
         number = float(value)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise ValueError(f"{name} is {value!r}, which is not a number; give it in {unit or 'plain numbers'}") from None
     if not (math.isfinite(number) and number <= high and (number > low if above else number >= low)):
         bounds = []

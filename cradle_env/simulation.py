@@ -8,6 +8,7 @@ from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 
+from cradle_env.collisions import write_law
 from cradle_env.cradle import Cradle, InitialState, Release
 from cradle_env.effects import Effect
 from cradle_env.errors import check_range
@@ -100,12 +101,8 @@ def _checked_times(times: np.ndarray) -> np.ndarray:
 def records(cradle: Cradle, step_factor: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
     """The records of a cradle that the kernels read: (1,) of CRADLE and (N,) of BOB."""
     c, bobs = np.zeros(1, p.CRADLE), np.zeros(cradle.bobs, p.BOB)
-    c["gravity"], c["radius"], c["k_el"], c["k_f"] = cradle.gravity, cradle.radius, cradle.k_el, cradle.k_f
-    c["law"] = p.KUWABARA_KONO if cradle.power_law is None else p.POWER_LAW
-    if not cradle.has("velocity_dependent_restitution"):
-        c["law"] = p.CONSTANT
-    c["alpha"], c["exponent"] = cradle.power_law or (0.0, 0.0)
-    c["restitution"] = cradle.restitution
+    c["gravity"], c["radius"] = cradle.gravity, cradle.radius
+    write_law(c, cradle)
     bobs["mass"], bobs["length"], bobs["half_spacing"] = cradle.mass, cradle.length, cradle.pivot_half_spacing
     bobs["kappa"], bobs["b"], bobs["pivot"] = cradle.kappa, cradle.b, cradle.pivots
     forces = []
@@ -201,26 +198,3 @@ def equilibrium(cradle: Cradle) -> tuple[np.ndarray, np.ndarray]:
     if not c["elastic"][0]:
         return x.copy(), bobs["length"].copy()
     return np.arctan2(x, -z), np.hypot(x, z)
-
-
-def restitution_curve(cradle: Cradle, speeds: np.ndarray) -> np.ndarray:
-    """e at normal speeds v [m/s] of a pair of bobs of this cradle (eq. 1, or its other laws)."""
-    c, _ = records(cradle)
-    table = restitution.universal_curves()
-    return restitution.curve(c[0], table, 0.5 * cradle.mass, np.ascontiguousarray(speeds, dtype=float))[:, 0]
-
-
-def contact_times(cradle: Cradle, speeds: np.ndarray) -> np.ndarray:
-    """Duration [s] of the contact of two bobs that meet at v [m/s] (eq. 1)."""
-    c, _ = records(cradle)
-    table = restitution.universal_curves()
-    return restitution.curve(c[0], table, 0.5 * cradle.mass, np.ascontiguousarray(speeds, dtype=float))[:, 1]
-
-
-def fit_power_law(cradle: Cradle, slowest: float, fastest: float) -> tuple[float, float]:
-    """(α, n) of e = 1 − α vⁿ, least squares over speeds from slowest to fastest [m/s]."""
-    from scipy.optimize import curve_fit
-
-    v = np.linspace(slowest, fastest, 200)
-    (alpha, n), _ = curve_fit(lambda v, alpha, n: 1.0 - alpha * v**n, v, restitution_curve(cradle, v), p0=(0.03, 0.2))
-    return float(alpha), float(n)

@@ -19,7 +19,7 @@ _DRAWS, _REFINED, _FINISHED = 120, 5, 2
 _EARLY_PERIODS = 8.0
 #: Relative steps of κ at which its shallow modes, 1–2 % apart, are looked for around the best point.
 _LADDER = (-0.06, -0.045, -0.03, -0.02, -0.01, 0.01, 0.02, 0.03, 0.045, 0.06)
-#: A residual this many sigmas off counts for less, so that one jump of a tracker does not steer the search.
+#: The residual [sigma] of every reading at an impossible point.
 _IMPOSSIBLE = 1e4
 
 Progress = Callable[[str, float, str], None]
@@ -60,8 +60,17 @@ def find_mode(likelihood: Likelihood, seed: int = 0, progress: Progress | None =
     if "kappa" in likelihood.names:
         tell("search", 0.9, "neighbouring modes of κ")
         point, cost = _climb_ladder(likelihood, point, cost)
+    _reweigh(likelihood, point)
     point, cost = _refine(likelihood, point, 40)
     return _mode(likelihood, point, cost)
+
+
+def _reweigh(likelihood: Likelihood, point: np.ndarray) -> None:
+    """Sets the weight of runs with unknown noise to what the point leaves, so that priors count as they should."""
+    for k, (run, rows) in enumerate(zip(likelihood.experiment.runs, likelihood.rows, strict=True)):
+        if run.noise is None and rows.any():
+            residual = likelihood.predict(point, k, rows)[0] - run.readings[rows]
+            likelihood.weighing[k] = max(rms(residual), likelihood.noise[k])
 
 
 def _climb_ladder(likelihood: Likelihood, point: np.ndarray, cost: float) -> tuple[np.ndarray, float]:
@@ -83,6 +92,7 @@ def _climb_ladder(likelihood: Likelihood, point: np.ndarray, cost: float) -> tup
 
 def refit(likelihood: Likelihood, point: np.ndarray) -> np.ndarray:
     """The mode near a point, (D,)."""
+    _reweigh(likelihood, point)
     return _refine(likelihood, point, 40)[0]
 
 
@@ -176,7 +186,7 @@ def _mode(likelihood: Likelihood, point: np.ndarray, cost: float) -> Mode:
         if name in likelihood.names and count:
             scale = max(rms(residuals[counted : counted + count]), 1e-3)
             weight[counted : counted + count] = 1.0 / scale
-            point[likelihood.names.index(name)] = math.log(likelihood.noise[k] * scale)
+            point[likelihood.names.index(name)] = math.log(likelihood.weighing[k] * scale)
         counted += count
     information = (J * weight[:, None] ** 2).T @ J
     for i, u in enumerate(likelihood.unknowns):

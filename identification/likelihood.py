@@ -21,6 +21,8 @@ from identification.unknowns import Unknown, model_unknowns, run_unknowns
 LAMBDA_RATE = 240.0
 #: Integration steps of the inference are longer than those of `simulate`: 1e-7 rad, far below any noise.
 STEP_FACTOR = 1.7
+#: Where the noise is unknown, a search first takes it for this share of the readings' RMS.
+_UNKNOWN_NOISE = 0.02
 
 
 class Likelihood:
@@ -41,6 +43,11 @@ class Likelihood:
         self.experiment, self.workers, self.parameters = experiment, workers, parameters
         self.rows = [run.fitted for run in experiment.runs] if rows is None else rows
         self.noise = [noise_of(run) for run in experiment.runs]
+        #: What least squares weighs residuals with: the noise, or, while it is unknown, what a model may leave.
+        self.weighing = [
+            noise if run.noise is not None else max(noise, _UNKNOWN_NOISE * rms(run.readings[run.fitted]))
+            for run, noise in zip(experiment.runs, self.noise, strict=True)
+        ]
         self.of_model = model_unknowns(experiment, parameters)
         self.of_runs = [run_unknowns(experiment, k, self.noise[k]) for k in range(len(experiment.runs))]
         self.unknowns: tuple[Unknown, ...] = (*self.of_model, *(u for run in self.of_runs for u in run))
@@ -154,15 +161,15 @@ class Likelihood:
         return np.array(in_threads(self.log_density, list(points), self.workers))
 
     def residuals(self, point: np.ndarray) -> np.ndarray:
-        """Residuals over the noise, missing readings left out, then those of the normal priors; for least squares.
+        """Residuals over `weighing`, missing readings left out, then those of the normal priors; for least squares.
 
-        The noise counts as known here (stated, or estimated from the data), so that its unknown has no residual.
+        The noise counts as known here, so that its unknown has no residual.
         """
         parts = []
         for k, (run, rows) in enumerate(zip(self.experiment.runs, self.rows, strict=True)):
             if rows.any():
                 seen = ~np.isnan(run.readings[rows])
-                parts.append(((self.predict(point, k, rows)[0] - run.readings[rows]) / self.noise[k])[seen])
+                parts.append(((self.predict(point, k, rows)[0] - run.readings[rows]) / self.weighing[k])[seen])
         prior = [
             (u.value(z) - u.mean) / u.sd for u, z in zip(self.unknowns, point, strict=True) if not math.isnan(u.sd)
         ]

@@ -7,6 +7,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from cradle_env.errors import check_range, unknown_key
+
 #: Values of an effect's parameters by key; a sequence where there is one value per bob or per gap.
 Values = Mapping[str, float]
 
@@ -70,8 +72,6 @@ class Effect:
 
     def checked(self, values: Values) -> dict[str, float]:
         """The values, complete and within bounds; ValueError otherwise."""
-        from cradle_env.errors import unknown_key
-
         known = {p.key: p for p in self.parameters}
         for key in values:
             if key not in known:
@@ -80,8 +80,5 @@ class Effect:
         for key, p in known.items():
             if key not in values:
                 raise ValueError(f"{self.name}: {key} [{p.unit}] is missing; {p.meaning}")
-            value = float(values[key])
-            if not p.low <= value <= p.high:
-                raise ValueError(f"{self.name}: {key} = {value:g} {p.unit} is outside {p.low:g} to {p.high:g} {p.unit}")
-            complete[key] = value
+            complete[key] = check_range(f"{self.name}: {key}", values[key], p.unit, p.low, p.high)
         return complete

@@ -16,6 +16,8 @@ from cradle_env.mechanics.parameters import (
     DIAGONAL,
     FORCE,
     LINK,
+    N_X,
+    N_Z,
     PRESSED,
     RESOLVED,
     SOLUTION,
@@ -127,38 +129,44 @@ def acceleration(cradle, bobs, i, A, c, R, rate):
 
 
 @jit
-def opening(cradle, bobs, p, A, c, R, rate):
-    """Second derivative [m/s^2] of the gap of pair p."""
-    _, nx, nz, _, spread = pair(cradle, bobs, p, A, c)
+def opening(cradle, bobs, p, A, c, R, rate, nx, nz, spread):
+    """Second derivative [m/s^2] of the gap of pair p, whose `pair` gives nx, nz and spread."""
     ax, az = acceleration(cradle, bobs, p, A, c, R, rate)
     bx, bz = acceleration(cradle, bobs, p + 1, A, c, R, rate)
     return nx * (bx - ax) + nz * (bz - az) + spread
 
 
 @jit
+def set_normals(cradle, bobs, lo, hi, A, c, W):
+    """Sets the unit vectors n_p of the pairs of bobs lo..hi-1, which solve_chain and apply_chain read."""
+    for p in range(lo, hi - 1):
+        _, W[p, N_X], W[p, N_Z], _, _ = pair(cradle, bobs, p, A, c)
+
+
+@jit
 def solve_chain(cradle, bobs, lo, hi, A, c, W):
     """Solves D x = W[:, WANTED] over the pairs of bobs lo..hi-1 with W[p, ACTIVE]; x = 0 for the others.
 
-    The motion stands in A from column c on, the solution goes to W[:, SOLUTION]. Thomas algorithm.
+    The motion stands in A from column c on, its normals in W; the solution goes to W[:, SOLUTION]. Thomas algorithm.
     """
-    nx0, nz0, coupled = 0.0, 0.0, False
+    coupled = False
     for p in range(lo, hi - 1):
         W[p, SOLUTION] = 0.0
         if W[p, ACTIVE] == 0.0:
             coupled = False
             continue
-        _, nx, nz, _, _ = pair(cradle, bobs, p, A, c)
+        nx, nz = W[p, N_X], W[p, N_Z]
         d = yielding(cradle, bobs, p, A, c, nx, nz)
         v = W[p, WANTED]
         W[p, UPPER] = 0.0
         if coupled:
-            off = -mobility(cradle, bobs, p, A, c, nx0, nz0, nx, nz)
+            off = -mobility(cradle, bobs, p, A, c, W[p - 1, N_X], W[p - 1, N_Z], nx, nz)
             W[p - 1, UPPER] = off
             factor = off / W[p - 1, DIAGONAL]
             d -= factor * off
             v -= factor * W[p - 1, VALUE]
         W[p, DIAGONAL], W[p, VALUE] = d, v
-        nx0, nz0, coupled = nx, nz, True
+        coupled = True
     following = 0.0
     for p in range(hi - 2, lo - 1, -1):
         if W[p, ACTIVE] == 0.0:
@@ -173,8 +181,7 @@ def apply_chain(cradle, bobs, lo, hi, A, c, W, T, k):
     """Pushes the bobs of every pair apart by W[p, SOLUTION] along n_p; see `push`."""
     for p in range(lo, hi - 1):
         if W[p, SOLUTION] != 0.0:
-            _, nx, nz, _, _ = pair(cradle, bobs, p, A, c)
-            push_apart(cradle, bobs, p, A, c, T, k, nx, nz, W[p, SOLUTION])
+            push_apart(cradle, bobs, p, A, c, T, k, W[p, N_X], W[p, N_Z], W[p, SOLUTION])
 
 
 @jit
@@ -184,9 +191,21 @@ def kuwabara_kono(cradle, overlap, speed):
     if overlap <= 0.0:
         return 0.0
     root = math.sqrt(overlap)
-    k_el = cradle.k_el * cradle.contact_scale**-2.5
     k_f = cradle.k_f * cradle.contact_scale**-1.5
-    return max(0.0, root * (k_el * overlap + k_f * speed))
+    return max(0.0, root * (stiffness(cradle) * overlap + k_f * speed))
+
+
+@jit
+def stiffness(cradle):
+    """k_el of contacts that are followed in time [N/m^(3/2)]."""
+    return cradle.k_el * cradle.contact_scale**-2.5
+
+
+@jit
+def blow_speed(cradle, bobs, p, gap, v_n):
+    """The speed [m/s] at which pair p would meet to hold the energy that its contact, followed in time, holds."""
+    m = bobs[p].mass * bobs[p + 1].mass / (bobs[p].mass + bobs[p + 1].mass)
+    return math.sqrt(v_n * v_n + 0.8 * stiffness(cradle) / m * max(-gap, 0.0) ** 2.5)
 
 
 @jit
@@ -211,7 +230,9 @@ def contact_forces(cradle, bobs, lo, hi, S, W, A, c, R, rate):
         for p in range(lo, hi - 1):
             W[p, ACTIVE] = S[p, LINK] == PRESSED
             if W[p, ACTIVE] != 0.0:
-                W[p, WANTED] = -opening(cradle, bobs, p, A, c, R, rate)
+                _, nx, nz, _, spread = pair(cradle, bobs, p, A, c)
+                W[p, N_X], W[p, N_Z] = nx, nz
+                W[p, WANTED] = -opening(cradle, bobs, p, A, c, R, rate, nx, nz, spread)
         solve_chain(cradle, bobs, lo, hi, A, c, W)
         apply_chain(cradle, bobs, lo, hi, A, c, W, R, rate + 2)
         for p in range(lo, hi - 1):
@@ -223,6 +244,7 @@ def contact_forces(cradle, bobs, lo, hi, S, W, A, c, R, rate):
 def close_gaps(cradle, bobs, lo, hi, S, W, c):
     """Takes out what integration leaves of gap and opening speed (some 1e-13) in the persistent contacts of the
     bobs lo..hi-1, whose motion stands in S from column c on."""
+    set_normals(cradle, bobs, lo, hi, S, c, W)
     for offset in (0, 2):
         for p in range(lo, hi - 1):
             W[p, ACTIVE] = S[p, LINK] == PRESSED

@@ -11,7 +11,7 @@ import numpy as np
 from cradle_env.mechanics.contact import pair
 from cradle_env.mechanics.flight import plan
 from cradle_env.mechanics.forces import radius_and_speed
-from cradle_env.mechanics.impact import chain, settle, two_body
+from cradle_env.mechanics.impact import chain, settle, settle_resolved, two_body
 from cradle_env.mechanics.jit import entry, jit
 from cradle_env.mechanics.meeting import locate, predict, step_to, touching
 from cradle_env.mechanics.motion import between, derivative
@@ -147,6 +147,8 @@ def finish(cradle, bobs, S, W, bob, times, motion, energy):
         turn_string(cradle, bobs[whose], S, whose, 1.0 if S[whose, BRANCH] == SLACK else -1.0)
     elif cause == RELEASE or cause == PART:
         S[whose, LINK] = OPEN
+        regroup(cradle, bobs, S, W, lo, hi)
+    elif cradle.contact_scale > 0.0 and hi - lo > 1 and settle_resolved(cradle, bobs, S, W, lo, hi):
         regroup(cradle, bobs, S, W, lo, hi)
     return lo, hi
 

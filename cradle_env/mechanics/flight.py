@@ -2,7 +2,7 @@
 
 import math
 
-from cradle_env.mechanics.contact import close_gaps, pair
+from cradle_env.mechanics.contact import blow_speed, close_gaps, pair, stiffness
 from cradle_env.mechanics.forces import radial_acceleration, radius_and_speed
 from cradle_env.mechanics.jit import jit
 from cradle_env.mechanics.motion import derivative, step
@@ -92,11 +92,10 @@ def contact_step(cradle, bobs, S, lo, hi, h):
     for p in range(lo, hi - 1):
         if S[p, LINK] == RESOLVED:
             gap, _, _, v_n, _ = pair(cradle, bobs, p, S, START)
-            stiffness = cradle.k_el * cradle.contact_scale**-2.5
-            m = bobs[p].mass * bobs[p + 1].mass / (bobs[p].mass + bobs[p + 1].mass)
-            v = math.sqrt(v_n * v_n + 0.8 * stiffness / m * max(-gap, 0.0) ** 2.5)
+            v = blow_speed(cradle, bobs, p, gap, v_n)
             if v > 0.0:
-                h = min(h, _CONTACT_STEP * (m / stiffness) ** 0.4 * v**-0.2)
+                m = bobs[p].mass * bobs[p + 1].mass / (bobs[p].mass + bobs[p + 1].mass)
+                h = min(h, _CONTACT_STEP * (m / stiffness(cradle)) ** 0.4 * v**-0.2)
     return h
 
 

@@ -9,15 +9,32 @@ from cradle_env.mechanics.contact import (
     LEAST_BOUNCE,
     TOUCHING,
     apply_chain,
+    blow_speed,
     mobility,
     opening,
     pair,
     push_apart,
+    set_normals,
     solve_chain,
     yielding,
 )
 from cradle_env.mechanics.jit import jit
-from cradle_env.mechanics.parameters import ACTIVE, LINK, LOSS, OPEN, PRESSED, RATE0, SOLUTION, START, WANTED
+from cradle_env.mechanics.motion import derivative
+from cradle_env.mechanics.parameters import (
+    ACTIVE,
+    LINK,
+    LOSS,
+    N_X,
+    N_Z,
+    OPEN,
+    PRESSED,
+    RATE0,
+    RESOLVED,
+    SOLUTION,
+    START,
+    T0,
+    WANTED,
+)
 from cradle_env.mechanics.restitution import equivalent_dissipation, restitution
 
 # Dormand and Prince's embedded pair of orders 5 and 4.
@@ -36,6 +53,8 @@ _E = np.array([71 / 57600, 0, -71 / 16695, 71 / 1920, -17253 / 339200, 22 / 525,
 
 #: Error per step of the chain's velocities, relative to the speed of the blow.
 _CHAIN_TOLERANCE = 1e-8
+# A contact followed in time may come to rest when its bounce, at this acceleration [m/s^2], would be least.
+_LEAST_PRESS = 1e-3
 # A chain is left to itself after this many times the time scale of a pair impact, which lasts 3.2 of them.
 _CHAIN_LIMIT = 300.0
 
@@ -108,6 +127,7 @@ def chain(cradle, bobs, table, S, W, lo, hi):
         upper[p] *= m
         x[n + p] /= blow
     _resolve(A, diagonal, upper, x, n)
+    set_normals(cradle, bobs, lo, hi, S, START, W)
     for p in range(n):
         W[lo + p, SOLUTION] = x[2 * n + p] * m * blow
         W[lo + p, LOSS] = x[3 * n + p] * m * blow * blow
@@ -150,8 +170,9 @@ def settle(cradle, bobs, S, W, lo, hi):
     """
     candidates = 0
     for p in range(lo, hi - 1):
-        gap, _, _, v_n, _ = pair(cradle, bobs, p, S, START)
-        W[p, WANTED] = -opening(cradle, bobs, p, S, START, S, RATE0)
+        gap, nx, nz, v_n, spread = pair(cradle, bobs, p, S, START)
+        W[p, N_X], W[p, N_Z] = nx, nz
+        W[p, WANTED] = -opening(cradle, bobs, p, S, START, S, RATE0, nx, nz, spread)
         small = v_n * v_n <= 2.0 * LEAST_BOUNCE * abs(W[p, WANTED])
         W[p, ACTIVE] = (gap <= TOUCHING and small) or S[p, LINK] == PRESSED
         candidates += W[p, ACTIVE] != 0.0
@@ -180,3 +201,23 @@ def settle(cradle, bobs, S, W, lo, hi):
                 W[p, LOSS] += 0.5 * W[p, SOLUTION] * W[p, WANTED]
         apply_chain(cradle, bobs, lo, hi, S, START, W, S, START + 2)
     return made
+
+
+@jit
+def settle_resolved(cradle, bobs, S, W, lo, hi):
+    """Makes persistent the contacts, followed in time, of a group that has all but come to rest.
+
+    START must stand at the end of a step. Returns whether anything changed; RATE0 is then without contact forces.
+    """
+    for p in range(lo, hi - 1):
+        if S[p, LINK] == RESOLVED:
+            gap, _, _, v_n, _ = pair(cradle, bobs, p, S, START)
+            if blow_speed(cradle, bobs, p, gap, v_n) ** 2 > 2.0 * LEAST_BOUNCE * _LEAST_PRESS:
+                return False
+    for i in range(lo, hi):
+        derivative(cradle, bobs, S, W, i, i + 1, S[i, T0], S, START, S, RATE0)
+    settle(cradle, bobs, S, W, lo, hi)
+    for p in range(lo, hi - 1):
+        if S[p, LINK] == OPEN:
+            S[p, LINK] = RESOLVED
+    return True

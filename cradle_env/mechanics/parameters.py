@@ -85,4 +85,5 @@ STAGES = 2 * DIM  # 12 blocks
 FORCE = 14 * DIM  # contact force of pair i [N]
 WANTED, ACTIVE, SOLUTION, DIAGONAL, UPPER, VALUE = range(FORCE + 1, FORCE + 7)  # of contact.solve_chain
 LOSS = FORCE + 7  # what an impact took from pair i [J]
-SCRATCH = FORCE + 8
+N_X, N_Z = FORCE + 8, FORCE + 9  # unit vector of pair i
+SCRATCH = FORCE + 10

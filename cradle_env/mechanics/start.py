@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from cradle_env.mechanics.contact import pair, solve_chain
+from cradle_env.mechanics.contact import pair, set_normals, solve_chain
 from cradle_env.mechanics.jit import entry, jit
 from cradle_env.mechanics.parameters import (
     ACTIVE,
@@ -92,6 +92,7 @@ def at_rest(cradle, bobs, angles, hanging, S):
                 worst = max(worst, abs(gap))
         if worst < 1e-16:
             break
+        set_normals(cradle, bobs, np.int64(0), n, S, START, W)
         solve_chain(cradle, bobs, np.int64(0), n, S, START, W)
         for p in range(n - 1):
             force[p] = max(0.0, force[p] + W[p, SOLUTION])
