@@ -1,8 +1,8 @@
 """Newton's cradle: a model of N nonlinear spring pendulums (Lee & Hong, arXiv:2401.16693), simulated exactly.
 
-    from cradle_env import Cradle, Release, simulate
-    run = simulate(Cradle(bobs=5), Release(angle=0.228), duration=60.0)
-    run.sigma(), run.newton_exponent(), run.energy(), run.impacts
+from cradle_env import Cradle, Release, simulate
+run = simulate(Cradle(bobs=5), Release(angle=0.228), duration=60.0)
+run.sigma(), run.newton_exponent(), run.energy(), run.impacts
 """
 
 import importlib
@@ -29,7 +29,7 @@ _PUBLIC = {
     "simulate_batch": "simulation",
 }
 
-__all__ = [*_PUBLIC]  # noqa: PLE0604  names, though the linter cannot see them
+__all__ = [*_PUBLIC]
 
 
 def __getattr__(name: str):

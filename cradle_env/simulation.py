@@ -71,7 +71,9 @@ def simulate_batch(
     if len(many) != len(starts):
         raise ValueError(f"{len(many)} cradles and {len(starts)} releases; give as many, or one of either")
     wanted = _times(duration, sample_rate) if times is None else _checked_times(times)
-    return in_threads(lambda pair: _run(*pair, wanted, ledger, step_factor), list(zip(many, starts, strict=True)), workers)
+    return in_threads(
+        lambda pair: _run(*pair, wanted, ledger, step_factor), list(zip(many, starts, strict=True)), workers
+    )
 
 
 def in_threads(function: Callable, items: Sequence, workers: int | None = None) -> list:
@@ -114,6 +116,7 @@ def records(cradle: Cradle, step_factor: float = 1.0) -> tuple[np.ndarray, np.nd
             forces.append((effect, values))
     if forces:
         _write_user_forces(c, bobs, forces)
+    bobs["mobility"] = 1.0 / bobs["mass"]
     bobs["string"] = np.hypot(bobs["length"], bobs["half_spacing"])
     bobs["grip"] = 4.0 * bobs["length"] / bobs["string"]
     angular = np.sqrt(cradle.gravity / bobs["length"].min())
@@ -137,28 +140,28 @@ def _write_user_forces(c: np.ndarray, bobs: np.ndarray, forces: list[tuple[Effec
 
 
 def prepare(cradle: Cradle, release: Release | InitialState, step_factor: float = 1.0):
-    """Records and state at t = 0, ready for the kernels: (cradle record, bobs, state)."""
+    """Records and state at t = 0, ready for the kernels: (cradle record, bobs, state, scratch)."""
     c, bobs = records(cradle, step_factor)
-    S = np.zeros((cradle.bobs, p.COLUMNS))
+    S, W = np.zeros((cradle.bobs, p.COLUMNS)), np.zeros((cradle.bobs, p.SCRATCH))
     if isinstance(release, Release):
-        overlap = start.at_rest(c[0], bobs, release.angles_of(cradle), release.start == "hanging", S)
+        overlap = start.at_rest(c[0], bobs, release.angles_of(cradle), release.start == "hanging", S, W)
         if overlap > 1e-6:
             raise ValueError(
                 f"bobs overlap by {overlap:.2g} m at the release; lift the end bobs further, or increase delta"
             )
     else:
-        start.moving(c[0], bobs, *_initial_arrays(cradle, bobs, release), S)
-    if not events.begin(c[0], bobs, S):
-        raise SimulationError("the initial state is not finite")
-    return c, bobs, S
+        start.moving(c[0], bobs, *_initial_arrays(cradle, release), S, W)
+    return c, bobs, S, W
 
 
-def _initial_arrays(cradle: Cradle, bobs: np.ndarray, state: InitialState) -> list[np.ndarray]:
+def _initial_arrays(cradle: Cradle, state: InitialState) -> list[np.ndarray]:
     """theta, theta_dot, r (nan: hanging), r_dot, tension ratio, each (N,)."""
     defaults = (state.theta, state.theta_dot, np.nan, 0.0, 1.0)
     given = (state.theta, state.theta_dot, state.r, state.r_dot, state.tension_ratio)
     arrays = []
-    for name, value, default in zip(("theta", "theta_dot", "r", "r_dot", "tension_ratio"), given, defaults, strict=True):
+    for name, value, default in zip(
+        ("theta", "theta_dot", "r", "r_dot", "tension_ratio"), given, defaults, strict=True
+    ):
         array = np.asarray(default if value is None else value, dtype=float)
         if value is not None and (array.shape != (cradle.bobs,) or not np.all(np.isfinite(array))):
             raise ValueError(f"initial {name} must be {cradle.bobs} finite numbers, one per bob")
@@ -169,13 +172,13 @@ def _initial_arrays(cradle: Cradle, bobs: np.ndarray, state: InitialState) -> li
 def _run(
     cradle: Cradle, release: Release | InitialState, times: np.ndarray, ledger: bool, step_factor: float
 ) -> Trajectory:
-    c, bobs, S = prepare(cradle, release, step_factor)
+    c, bobs, S, W = prepare(cradle, release, step_factor)
     n, table = cradle.bobs, restitution.universal_curves()
     motion = np.empty((len(times), n, 4))
     energy = np.empty((len(times) if ledger else 0, n, 4))
     impacts, count = np.empty((max(256, 64 * n), 4)), 0
     while True:
-        status, count = events.run(c[0], bobs, table, S, times[-1], times, motion, energy, impacts, count)
+        status, count = events.run(c[0], bobs, table, S, W, times[-1], times, motion, energy, impacts, count)
         if status != events.FULL:
             break
         impacts = np.concatenate([impacts, np.empty_like(impacts)])
@@ -192,8 +195,8 @@ def _run(
 def equilibrium(cradle: Cradle) -> tuple[np.ndarray, np.ndarray]:
     """(theta [rad], r [m]) of each bob at rest, none lifted, its strings on the virgin loading line; both (N,)."""
     c, bobs = records(cradle)
-    S = np.zeros((cradle.bobs, p.COLUMNS))
-    start.at_rest(c[0], bobs, np.full(cradle.bobs, np.nan), False, S)
+    S, W = np.zeros((cradle.bobs, p.COLUMNS)), np.zeros((cradle.bobs, p.SCRATCH))
+    start.at_rest(c[0], bobs, np.full(cradle.bobs, np.nan), False, S, W)
     x, z = S[:, p.START], S[:, p.START + 1]
     if not c["elastic"][0]:
         return x.copy(), bobs["length"].copy()

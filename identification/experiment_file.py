@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -22,6 +23,7 @@ FILE_NAME = "experiment.toml"
 FORMAT = "cradle-experiment/1"
 _CRADLE_KEYS = tuple(f.name for f in dataclasses.fields(Cradle) if f.name not in ("model", "effects"))
 _RUN_KEYS = ("file", "release", "delta", "noise", "fit_from", "fit_to", "state", "rest")
+_PRIOR_KEYS = ("mean", "sd", "low", "high")
 _PRIOR = "a prior, { mean = ..., sd = ... } or { low = ..., high = ... }"
 _RELEASE_KEYS = ("bobs", "angle", "angles", "angle_sd", "time_sd", "start")
 
@@ -45,8 +47,9 @@ def read_experiment(
         table.only(_RUN_KEYS)
         file = table.string("file")
         if file not in recordings:
-            with table.entry("file"):
-                recordings[file] = read_recording(path.parent / file, cradle.bobs)
+            if not os.path.isfile(path.parent / file):
+                raise table.refuse(f"there is no file {str(path.parent / file)!r}; name the data to read", "file")
+            recordings[file] = read_recording(path.parent / file, cradle.bobs)
         run = _read_run(table, file, recordings[file], cradle)
         _check_magnitudes(recordings[file], cradle, infer.get("length"))
         runs.append(run)
@@ -113,13 +116,12 @@ def _read_priors(table: Table, cradle: Cradle) -> dict[str, Prior]:
     """Priors by name; one of an effect's parameter may be written "effect.parameter" or as a table in a table."""
     priors: dict[str, Prior] = {}
     for key, value in table.values.items():
-        of_effect = isinstance(value, dict) and any(e.name == key for e in cradle.composition)
-        if of_effect:
+        if isinstance(value, dict) and value and not value.keys() & set(_PRIOR_KEYS):
             entries = {f"{key}.{inner}": table.table(key).table(inner, _PRIOR) for inner in value}
         else:
             entries = {key: table.table(key, _PRIOR)}
         for name, entry in entries.items():
-            entry.only(("mean", "sd", "low", "high"))
+            entry.only(_PRIOR_KEYS)
             with table.entry(*entry.address[len(table.address) :]):
                 priors[name] = Prior(**{k: entry.number(k) for k in entry.values})
                 check_prior(cradle, name, priors[name])

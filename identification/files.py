@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import tempfile
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -37,18 +36,12 @@ def read_text(path: Path) -> tuple[str, bytes]:
 def write_together(directory: Path, texts: Mapping[str, str]) -> None:
     """Writes files, by name, into a directory: all to temporary names first, then renamed in the order given."""
     directory.mkdir(parents=True, exist_ok=True)
-    umask = os.umask(0)
-    os.umask(umask)
-    pending: dict[str, str] = {}
+    temporary = {name: directory / f".{name}.{os.getpid()}" for name in texts}
     try:
         for name, text in texts.items():
-            handle, pending[name] = tempfile.mkstemp(prefix=f".{name}.", dir=directory)
-            with os.fdopen(handle, "wb") as file:
-                file.write(text.encode("utf-8"))
-            os.chmod(pending[name], 0o666 & ~umask)
+            temporary[name].write_bytes(text.encode("utf-8"))
         for name in texts:
-            os.replace(pending[name], directory / name)
-            del pending[name]
+            temporary[name].replace(directory / name)
     finally:
-        for temporary in pending.values():
-            os.unlink(temporary)
+        for file in temporary.values():
+            file.unlink(missing_ok=True)

@@ -33,7 +33,6 @@ def corner_figure(posterior: Posterior) -> Figure:
     """The joint posterior of the cradle's unknowns and λ: contours hold 68 and 95 %."""
     import corner
     from matplotlib.figure import Figure
-    from matplotlib.ticker import MaxNLocator, ScalarFormatter
 
     columns, labels, titles = [], [], []
     for symbol, unit, samples in _physical(posterior):
@@ -47,7 +46,8 @@ def corner_figure(posterior: Posterior) -> Figure:
     table = table[np.isfinite(table).all(axis=1)]
     table = table[:: max(1, len(table) // _CORNER_SAMPLES)]
     K = len(labels)
-    figure = Figure(figsize=(1.9 + 1.55 * K, 1.9 + 1.55 * K))
+    size = 1.3 + 1.6 * K
+    figure = Figure(figsize=(size, size))
     corner.corner(
         table, fig=figure, bins=32, smooth=1.0, color=BLUE, levels=(0.68, 0.95), plot_datapoints=False,
         fill_contours=True, max_n_ticks=3, hist_kwargs={"linewidth": 1.2},
@@ -55,25 +55,31 @@ def corner_figure(posterior: Posterior) -> Figure:
     )  # fmt: skip
     axes = np.array(figure.axes).reshape(K, K)
     for i, label in enumerate(labels):
-        diagonal = axes[i, i]
-        diagonal.set_title(f"{label.split(' [')[0]} = {titles[i]}", fontsize=8.5, loc="center")
+        axes[i, i].set_title(f"{label.split(' [')[0]} = {titles[i]}", fontsize=8.5, loc="center")
         for q, dashes in zip(np.quantile(table[:, i], (0.16, 0.5, 0.84)), ("--", "-", "--"), strict=True):
-            diagonal.axvline(q, color=BLACK, linewidth=0.8, linestyle=dashes)
-        axes[-1, i].set_xlabel(label)
-        if i:
-            axes[i, 0].set_ylabel(label)
-    for box in axes.ravel():
-        for axis in (box.xaxis, box.yaxis):
-            axis.set_major_locator(MaxNLocator(3, prune="both"))
-            axis.set_major_formatter(ScalarFormatter(useOffset=False))
-            axis.set_label_coords(*((0.5, -0.52) if axis is box.xaxis else (-0.52, 0.5)))
-        box.tick_params(labelsize=7.5)
-    for j in range(1, K):  # the diagonal's y is a count
-        axes[j, j].set_yticks([])
-    axes[0, 0].set_yticks([])
-    figure.subplots_adjust(left=0.9 / (1.9 + 1.55 * K) + 0.06, bottom=0.9 / (1.9 + 1.55 * K) + 0.06,
-                           right=0.98, top=0.95, wspace=0.08, hspace=0.08)  # fmt: skip
+            axes[i, i].axvline(q, color=BLACK, linewidth=0.8, linestyle=dashes)
+        for j in range(K):
+            _tidy(axes[i, j], label if j == 0 < i else "", labels[j] if i == K - 1 else "", i, j)
+    margin = 0.85 / size
+    figure.subplots_adjust(left=margin, bottom=margin, right=0.985, top=1.0 - 0.3 / size, wspace=0.08, hspace=0.08)
     return figure
+
+
+def _tidy(axes: Axes, y_label: str, x_label: str, row: int, column: int) -> None:
+    """Ticks and labels at the left and lower edge of a corner plot only."""
+    from matplotlib.ticker import MaxNLocator, ScalarFormatter
+
+    if column > row:
+        axes.set_visible(False)
+        return
+    for axis, label, place in ((axes.xaxis, x_label, (0.5, -0.38)), (axes.yaxis, y_label, (-0.38, 0.5))):
+        axis.set_major_locator(MaxNLocator(3, prune="both"))
+        axis.set_major_formatter(ScalarFormatter(useOffset=False))
+        axis.set_label_text(label)
+        axis.set_label_coords(*place)
+    axes.tick_params(labelsize=7.5, labelrotation=30.0, labelbottom=bool(x_label), labelleft=bool(y_label))
+    if row == column:
+        axes.set_yticks([])
 
 
 def _physical(posterior: Posterior) -> list[tuple[str, str, np.ndarray]]:
@@ -93,57 +99,51 @@ def _span(samples: np.ndarray) -> tuple[float, float]:
 
 @styled
 def fit_figure(posterior: Posterior, draws: int = 100) -> Figure:
-    """Each bob's readings against the posterior's 95 % band: the whole record, and its first and last swings."""
+    """Each bob's readings against the posterior: the whole record, its last swings, and these less their mean."""
     from matplotlib.figure import Figure
 
-    panels = [(k, bob) for k, run in enumerate(posterior.experiment.runs) for bob in run.bobs_seen]
-    height = 1.0 + 1.25 * len(panels)
-    figure = Figure(figsize=(10.5, height), layout="constrained")
-    rows = np.atleast_2d(figure.subplots(len(panels), 3, width_ratios=(2.2, 1.0, 1.0), squeeze=False))
+    runs = posterior.experiment.runs
+    panels = [(k, bob) for k, run in enumerate(runs) for bob in run.bobs_seen]
+    figure = Figure(figsize=(11.0, 1.1 + 1.3 * len(panels)), layout="constrained")
+    rows = figure.subplots(len(panels), 3, width_ratios=(1.9, 1.0, 1.0), squeeze=False)
     points = posterior.draws(draws)
-    bands = {k: _band(posterior, k, points) for k in range(len(posterior.experiment.runs))}
+    bands = [_band(posterior, k, points) for k in range(len(runs))]
     handles = []
-    for (k, bob), (whole, early, late) in zip(panels, rows, strict=True):
-        run = posterior.experiment.runs[k]
-        times, quiet, noisy = bands[k]
-        scale, unit = _display(run)
-        length = _CLOSE_UP_PERIODS * posterior.experiment.cradle.period
-        start, end = max(times[0], run.times[0]), times[-1]
-        for axes in (whole, early, late):
+    for (k, bob), panel in zip(panels, rows, strict=True):
+        run, (times, mean, quiet, noisy) = runs[k], bands[k]
+        scale, unit = (1e-3, "mrad") if run.unit == "rad" else (run.scale, run.unit)
+        reading, centre = run.readings[:, bob - 1] / scale, mean[:, bob - 1] / scale
+        inner, outer = quiet[:, :, bob - 1] / scale, noisy[:, :, bob - 1] / scale
+        less = reading - np.interp(run.times, times, centre, left=np.nan, right=np.nan)
+        for axes, data, level in zip(panel, (reading, reading, less), (0.0, 0.0, centre), strict=True):
             _shade_held_out(axes, posterior, k)
-            reading = run.readings[:, bob - 1] / scale
-            outer = axes.fill_between(times, *noisy[:, :, bob - 1] / scale, color=ORANGE, alpha=0.55, linewidth=0)
-            inner = axes.fill_between(times, *quiet[:, :, bob - 1] / scale, color=BLUE, linewidth=0.9)
-            (dots,) = axes.plot(run.times, reading, ".", color=BLACK, markersize=1.0 if axes is whole else 2.6)
-            axes.margins(x=0)
+            wide = axes.fill_between(times, *(outer - level), color=ORANGE, alpha=0.5, linewidth=0)
+            whole = axes is panel[0]
+            (dots,) = axes.plot(run.times, data, ".", color=BLACK, markersize=1.2 if whole else 3.2, zorder=2)
+            narrow = axes.fill_between(times, *(inner - level), color=BLUE, linewidth=0.5 if whole else 1.0, zorder=3)
+            handles = [dots, narrow, wide]
             quiet_grid(axes)
-            handles = [dots, inner, outer]
-        whole.set_xlim(run.times[0], run.times[-1])
-        early.set_xlim(start, min(start + length, end))
-        late.set_xlim(max(end - length, start), end)
-        name = f"{run.file}: " if len(posterior.experiment.runs) > 1 else ""
-        whole.set_title(f"{name}bob {bob}")
-        whole.set_ylabel(f"{mathtext(_letter(run) + f'_{bob}')} [{unit}]")
-        for axes in (early, late):
-            axes.tick_params(labelleft=False)
-            axes.sharey(whole)
+        end = times[-1]
+        start = max(end - _CLOSE_UP_PERIODS * posterior.experiment.cradle.period, times[0])
+        panel[0].set(xlim=(run.times[0], run.times[-1]), ylabel=f"{mathtext(f'{_letter(run)}_{bob}')} [{unit}]")
+        panel[0].set_title(f"{run.file}: bob {bob}" if len(runs) > 1 else f"bob {bob}")
+        for axes in panel[1:]:
+            axes.set_xlim(start, end)
+        close = (run.times >= start) & (run.times <= end) & np.isfinite(less)
+        reach = 1.15 * max(np.max(np.abs(less[close]), initial=0.0), np.max(outer[1] - centre))
+        panel[2].set_ylim(-reach, reach)
+    for axes, title in zip(rows[0][1:], ("last swings", "last swings, less the model's mean"), strict=True):
+        axes.set_title(title)
     for axes in rows[-1]:
         axes.set_xlabel("time [s]")
-    rows[0][1].set_title("first swings")
-    rows[0][2].set_title("last swings")
     labels = ["data", "model, 95 %", "model and noise, 95 %"]
-    figure.legend(handles, labels, loc="outside upper right", ncols=3, markerscale=4)
-    figure.supxlabel(f"{_shading(posterior)}.".capitalize(), fontsize=8.0, x=0.99, ha="right")
+    figure.legend(handles, labels, loc="outside upper right", ncols=3, markerscale=3)
+    figure.supxlabel(f"{_shading(posterior).capitalize()}.", fontsize=8.0, x=0.99, ha="right")
     return figure
 
 
 def _letter(run: Run) -> str:
     return "θ" if run.quantity == "theta" else "x"
-
-
-def _display(run: Run) -> tuple[float, str]:
-    """(SI value, name) of the unit in which a run's readings are shown: that of its file, but mrad for rad."""
-    return (1e-3, "mrad") if run.unit == "rad" else (run.scale, run.unit)
 
 
 def _simulated(posterior: Posterior, index: int) -> np.ndarray:
@@ -152,15 +152,14 @@ def _simulated(posterior: Posterior, index: int) -> np.ndarray:
     return run.times >= (run.fit_from if run.state == "free" else 0.0)
 
 
-def _band(posterior: Posterior, index: int, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """(times (T,), 95 % band of the readings without noise (2, T, N), and with it (2, T, N)) over points (K, D)."""
+def _band(posterior: Posterior, index: int, points: np.ndarray) -> tuple[np.ndarray, ...]:
+    """Over points (K, D): times (T,), mean (T, N), 95 % bands without noise (2, T, N) and with it (2, T, N)."""
     likelihood, rows = posterior.likelihood, _simulated(posterior, index)
     draws = np.array(in_threads(lambda z: likelihood.predict(z, index, rows)[0], list(points), likelihood.workers))
     noise = np.array([likelihood.sigma_of(likelihood.values(z), index) for z in points])
-    half_width = 1.96 * np.sqrt(draws.var(axis=0) + np.mean(noise**2))
-    centre = draws.mean(axis=0)
+    mean, half_width = draws.mean(axis=0), 1.96 * np.sqrt(draws.var(axis=0) + np.mean(noise**2))
     quiet = np.quantile(draws, (0.025, 0.975), axis=0)
-    return posterior.experiment.runs[index].times[rows], quiet, np.stack([centre - half_width, centre + half_width])
+    return posterior.experiment.runs[index].times[rows], mean, quiet, np.stack([mean - half_width, mean + half_width])
 
 
 def _shade_held_out(axes: Axes, posterior: Posterior, index: int) -> None:
@@ -183,6 +182,7 @@ def _shading(posterior: Posterior) -> str:
 def residual_figure(posterior: Posterior) -> Figure:
     """Readings less the most probable model, over the noise: by bob and time, and against a normal distribution."""
     from matplotlib.figure import Figure
+    from matplotlib.ticker import MaxNLocator
     from scipy.stats import norm
 
     runs = posterior.experiment.runs
@@ -194,7 +194,7 @@ def residual_figure(posterior: Posterior) -> Figure:
     for (k, bob), (axes, side) in zip(panels, rows, strict=True):
         run, values = runs[k], residuals[k][:, bob - 1]
         counted = (train[k] | held[k]) & np.isfinite(values)
-        limit = float(np.clip(1.2 * np.quantile(np.abs(values[counted]), 0.999), 4.0, 1e3)) if counted.any() else 4.0
+        limit = max(4.0, 1.2 * float(np.quantile(np.abs(values[counted]), 0.999))) if counted.any() else 4.0
         inside = np.clip(values, -limit, limit)
         _shade_held_out(axes, posterior, k)
         axes.plot(run.times[~counted], inside[~counted], ".", color=GREY, markersize=1.2)
@@ -205,14 +205,15 @@ def residual_figure(posterior: Posterior) -> Figure:
         name = f"{run.file}: " if len(runs) > 1 else ""
         parts = ((train[k] & counted, ""), (held[k] & counted, " in the shaded part"))
         said = ", ".join(f"{rms(values[part]):.2f}{where}" for part, where in parts if part.any())
-        axes.set_title(f"{name}bob {bob}: RMS {said}")
+        axes.set_title(f"{name}bob {bob}, RMS {said}")
         axes.set_ylabel("residual / noise")
-        edges, grid = np.linspace(-limit, limit, 41), np.linspace(-limit, limit, 401)
+        edges, grid = np.linspace(-limit, limit, 33), np.linspace(-limit, limit, 401)
         side.hist(inside[counted], edges, density=True, orientation="horizontal", color=BLUE, alpha=0.65)
         side.plot(norm.pdf(grid), grid, color=RED, linestyle="--")
         side.tick_params(labelleft=False)
         for box in (axes, side):
             box.set_ylim(-limit, limit)
+            box.yaxis.set_major_locator(MaxNLocator(5, integer=True))
     rows[0][1].set_title("dashed: N(0, 1)")
     rows[-1][0].set_xlabel("time [s]")
     rows[-1][1].set_xlabel("density")

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cradle_env.cradle import Cradle, Release
+from cradle_env.effects import CATALOGUE
 from cradle_env.errors import check_range, unknown_key
 from identification.recording import UNITS
 
@@ -130,8 +131,9 @@ class Run:
         if end <= start:
             raise ValueError(f"fit_to is {end:g} s, not after fit_from, {start:g} s; give a later one")
         if not ((seen >= start) & (seen <= end)).any():
+            window = f"fit_from {start:g} s" + (f" and fit_to {end:g} s" if end < math.inf else "")
             raise ValueError(
-                f"fit_from {start:g} s to fit_to {end:g} s leaves no usable rows:"
+                f"{window} leaves no usable rows:"
                 f" the readings of {self.file} lie between {seen[0]:g} and {seen[-1]:g} s; widen the window"
             )
 
@@ -173,6 +175,11 @@ def check_prior(cradle: Cradle, name: str, prior: Prior) -> None:
     """Refuses the prior of something that cannot be inferred, or one that reaches impossible values."""
     parameters = {f"{e.name}.{p.key}": p for e in cradle.composition for p in e.parameters}
     if name not in INFERABLE and name not in parameters:
+        absent = name.partition(".")[0]
+        if absent in (e.name for e in CATALOGUE) and not cradle.has(absent):
+            raise ValueError(
+                f"{name} is of an effect that is not in the model; add {absent!r} to effects under [model]"
+            )
         raise ValueError(unknown_key("name to infer", name, [*INFERABLE, *parameters]))
     for value in prior.support:
         if name in INFERABLE:

@@ -91,13 +91,22 @@ class Checkpoint:
             file.attrs["inputs"] = self.likelihood.experiment.digest
             file.attrs["names"] = self.likelihood.names
             file.attrs["seed"] = self.seed
-            file["mode/point"], file["mode/covariance"], file["mode/cost"] = mode.point, mode.covariance, mode.cost
+            _write_mode(file, 0, mode)
         os.replace(part, self.path)
 
-    def mode(self) -> Mode:
-        """The mode from which sampling started."""
+    def mode(self, step: int) -> Mode:
+        """The mode about which points are proposed at a step: that of the fit, or as last adapted to the chains."""
         with h5py.File(self.path, "r") as file:
-            return Mode(file["mode/point"][:], file["mode/covariance"][:], float(file["mode/cost"][()]))
+            latest = file[f"modes/{max(int(name) for name in file['modes'] if int(name) <= step)}"]
+            return Mode(latest["point"][:], latest["covariance"][:], float(latest["cost"][()]))
+
+    def adapt(self, step: int) -> None:
+        """Takes the mode from here on from the second half of the chains so far."""
+        points = self.read().chain[:, step // 2 : step].reshape(-1, len(self.likelihood.unknowns))
+        with h5py.File(self.open_copy(), "a") as file:
+            if str(step) not in file["modes"]:
+                _write_mode(file, step, Mode(points.mean(axis=0), np.cov(points.T).reshape(2 * [points.shape[1]]), 0.0))
+        self.commit()
 
     def _part(self) -> Path:
         return self.path.with_name(self.path.name + ".part")
@@ -133,6 +142,11 @@ class Checkpoint:
         return Chains(chain, log_density, blobs.reshape(log_density.shape))
 
 
+def _write_mode(file: h5py.File, step: int, mode: Mode) -> None:
+    for name in ("point", "covariance", "cost"):
+        file[f"modes/{step}/{name}"] = getattr(mode, name)
+
+
 def walkers_for(likelihood: Likelihood) -> int:
     """Walkers of one ensemble: more than twice the unknowns, as the moves demand, and even."""
     return max(16, 2 * len(likelihood.unknowns) + 4)
@@ -151,26 +165,27 @@ def sample(
     After every stretch the chains are on disk. Random numbers depend on the seed and the step alone, so that a resumed chain is the uninterrupted one.
     """
     goal = max_steps if steps is None else steps
-    mode = checkpoint.mode()
     stretch, done, began, first = 4, checkpoint.steps(), time.monotonic(), checkpoint.steps()
     while True:
         verdict = convergence(checkpoint.read()) if done else None
         if done >= goal or (steps is None and verdict is not None and verdict.converged):
             assert verdict is not None
             return verdict
-        stretch = min(stretch, goal - done)
-        if done < _PROBE:
-            stretch = min(stretch, _PROBE - done)
+        if done in _ADAPTATIONS:
+            checkpoint.adapt(done)
+        ahead = [goal, *(step for step in _ADAPTATIONS if step > done)]
+        stretch = min(stretch, *(step - done for step in ahead))
         start = time.monotonic()
-        _advance(likelihood, mode, checkpoint, done, stretch)
+        _advance(likelihood, checkpoint, done, stretch)
         done += stretch
         took = time.monotonic() - start
         stretch = max(1, min(4 * stretch, round(stretch * _CHECKPOINT / max(took, 1e-3))))
         _tell(progress, likelihood, checkpoint, goal, steps, done, done - first, time.monotonic() - began)
 
 
-#: Steps before the first verdict.
-_PROBE = 40
+#: Steps after which the proposals are adapted to the chains; samples before the last of them are burn-in, for a chain
+#: must not adapt to itself. There is no verdict before the first.
+_ADAPTATIONS = (40, 240)
 
 
 def _tell(progress, likelihood, checkpoint, goal, steps, done, new, seconds) -> None:
@@ -188,9 +203,9 @@ def _tell(progress, likelihood, checkpoint, goal, steps, done, new, seconds) -> 
     progress("sample", min(1.0, done / max(wanted, done, 1)), f"{text}, about {left:.0f} s left")
 
 
-def _advance(likelihood: Likelihood, mode: Mode, checkpoint: Checkpoint, done: int, count: int) -> None:
+def _advance(likelihood: Likelihood, checkpoint: Checkpoint, done: int, count: int) -> None:
     """Takes `count` steps of every ensemble on a copy of the file, which then takes its place."""
-    part = checkpoint.open_copy()
+    mode, part = checkpoint.mode(done), checkpoint.open_copy()
     D, W = len(likelihood.unknowns), walkers_for(likelihood)
     for k in range(ENSEMBLES):
         backend = checkpoint.backend(k, part)
@@ -229,7 +244,7 @@ def _scattered(likelihood: Likelihood, mode: Mode, walkers: int, rng: np.random.
 def convergence(chains: Chains) -> Convergence:
     """R̂, effective sample size and autocorrelation time of the slowest unknown (λ included), and the verdict.
 
-    Burn-in: the first fifth, at least two autocorrelation times. R̂ compares the halves of the separate ensembles:
+    Burn-in: the first fifth, at least two autocorrelation times, and all before the last adaptation. R̂ compares the halves of the separate ensembles:
     walkers of one ensemble move by each other's positions, so that they are no independent chains. ESS counts all
     samples over τ.
     """
@@ -237,10 +252,11 @@ def convergence(chains: Chains) -> Convergence:
     series = np.concatenate([chains.chain, chains.newton_exponent[..., None]], axis=-1)
     varying = np.isfinite(series).all(axis=(0, 1, 2)) & (series.std(axis=(0, 1, 2)) > 0.0)
     series = series[..., varying]
-    if S < _PROBE or series.shape[-1] == 0:
+    if S <= _ADAPTATIONS[0] + 4 or series.shape[-1] == 0:
         return Convergence(False, math.nan, 0.0, math.nan, S, S // 2, ("too few steps to tell",))
-    tau = _autocorrelation(series[:, S // 5 :])
-    burn = min(S // 2, max(S // 5, math.ceil(2.0 * tau)))
+    adapted = max(step for step in _ADAPTATIONS if step < S)
+    tau = _autocorrelation(series[:, min(max(S // 5, adapted), S // 2) :])
+    burn = max(adapted, min(S // 2, max(S // 5, math.ceil(2.0 * tau))))
     kept = series[:, burn:]
     tau = _autocorrelation(kept)
     n = kept.shape[1] // 2

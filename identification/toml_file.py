@@ -68,7 +68,7 @@ class Table:
 
     def _get(self, key: str, kind: type | tuple[type, ...], expected: str) -> Any:
         if key not in self:
-            raise self.refuse(f"{key} is missing; add {key} = {expected}")
+            raise self.refuse(f"{key} is missing; add {key}: {expected}")
         value = self.values[key]
         if not isinstance(value, kind) or (isinstance(value, bool) and kind is not bool):
             raise self.refuse(f"is {_shown(value)}; expected {expected}", key)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import html
 import math
 import re
 from collections.abc import Mapping
@@ -26,12 +27,12 @@ def mathtext(symbol: str) -> str:
 
 def markup(symbol: str) -> str:
     """A symbol as HTML."""
-    letter, subscript = _parts(symbol)
+    letter, subscript = _parts(html.escape(symbol))
     return f"<i>{letter}</i>" + (f"<sub>{subscript}</sub>" if subscript else "")
 
 
 def unit_mathtext(unit: str, exponent: int = 0) -> str:
-    """ [10^k unit] for the label of an axis; empty for a plain number."""
+    """[10^k unit] for the label of an axis; empty for a plain number."""
     factor = f"$10^{{{exponent}}}$" if exponent else ""
     unit = "" if unit == "1" else re.sub(r"\^(-?[\d/]+)", r"$^{\1}$", unit)
     inside = " ".join(part for part in (factor, unit) if part)
@@ -41,7 +42,8 @@ def unit_mathtext(unit: str, exponent: int = 0) -> str:
 def unit_markup(unit: str, exponent: int = 0) -> str:
     """A unit, times a power of ten, as HTML; empty for a plain number."""
     factor = f"10<sup>{exponent}</sup>".replace("-", "−") if exponent else ""
-    unit = "" if unit == "1" else re.sub(r"\^(-?[\d/]+)", lambda m: f"<sup>{m[1].replace('-', '−')}</sup>", unit)
+    power = lambda match: f"<sup>{match[1].replace('-', '−')}</sup>"  # noqa: E731
+    unit = "" if unit == "1" else re.sub(r"\^(-?[\d/]+)", power, html.escape(unit))
     return " ".join(part for part in (factor, unit) if part)
 
 
@@ -66,6 +68,7 @@ class Rounding:
         plain = size == 0.0 or not math.isfinite(size) or 0.01 <= size < 1e5
         exponent = 0 if plain else 3 * math.floor(math.log10(size) / 3.0)
         step = sd if math.isfinite(sd) and sd > 0.0 else (size or 1.0) * 1e-3
+        step = float(f"{step:.1e}")  # 9.97 is 10 to two digits, one decimal less
         return cls(exponent, max(0, 1 - math.floor(math.log10(step) + 1e-9 - exponent)))
 
     def text(self, value: float | None) -> str:
@@ -89,13 +92,18 @@ def shown(statistics: Mapping[str, Any]) -> dict[str, str]:
 
 def number(value: float | None, digits: int = 3) -> str:
     """A plain number to some digits; a dash where there is none."""
-    return "–" if value is None or not math.isfinite(value) else f"{value:.{digits}g}"
+    return "–" if value is None or not math.isfinite(value) else f"{value:#.{digits}g}".rstrip(".")
+
+
+def ratio(value: float | None) -> str:
+    """A gap: two decimals where it is near its floor."""
+    return "–" if value is None or not math.isfinite(value) else f"{value:.2f}" if value < 10.0 else f"{value:.3g}"
 
 
 def convergence_verdict(summary: Mapping[str, Any]) -> str:
     """Whether the chains may be trusted, in a sentence or two."""
     figures = (
-        f"R̂ at most {number(summary['rhat_max'], 4)}, effective samples at least {number(summary['ess_min'], 4)},"
+        f"R̂ at most {number(summary['rhat_max'], 4)}, effective samples at least {summary['ess_min']:.0f},"
         f" {summary['steps']} steps with an autocorrelation time of {number(summary['tau_max'])} at most"
     )
     if summary["converged"]:
@@ -110,9 +118,9 @@ def convergence_verdict(summary: Mapping[str, Any]) -> str:
 def model_verdict(summary: Mapping[str, Any]) -> str:
     """Whether the model describes the data, in words."""
     train, held_out = summary["gap"]["train"], summary["gap"]["held_out"]
-    figures = f"the residuals are {number(train)} times the noise where it was fitted"
+    figures = f"the residuals are {ratio(train)} times the noise where it was fitted"
     if held_out is not None and math.isfinite(held_out):
-        figures += f" and {number(held_out)} times on data held out (1 is the floor)"
+        figures += f" and {ratio(held_out)} times on data held out (1 is the floor)"
     if summary["model_describes_data"]:
         return f"The model describes these data: {figures}."
     return (

@@ -16,8 +16,6 @@ quadratic_drag = Effect(
     reference="Nelson & Olsson, Am. J. Phys. 54, 112 (1986)",
     energy="takes c2 |v|³",
     looks_like="large swings decay faster than exponentially, small ones slower",
-    parameters=(
-        Parameter("c2", "c₂", "kg/m", "force per squared speed", absent=0.0, low=0.0, high=1.0, scale=1e-3),
-    ),
+    parameters=(Parameter("c2", "c₂", "kg/m", "force per squared speed", absent=0.0, low=0.0, high=1.0, scale=1e-3),),
     apply=_apply,
 )

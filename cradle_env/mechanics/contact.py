@@ -10,7 +10,7 @@ M is 1/m on elastic strings; a rigid string lets a bob move along its tangent on
 
 import math
 
-from cradle_env.mechanics.jit import jit
+from cradle_env.mechanics.jit import jit, leaf
 from cradle_env.mechanics.parameters import (
     ACTIVE,
     DIAGONAL,
@@ -73,7 +73,7 @@ def pair(cradle, bobs, p, A, c):
     )  # fmt: skip
 
 
-@jit
+@leaf
 def tangent(cradle, theta):
     """(t_x, t_z): the direction in which a rigid string lets its bob move."""
     if cradle.large_angle:
@@ -81,43 +81,43 @@ def tangent(cradle, theta):
     return 1.0, 0.0
 
 
-@jit
+@leaf
 def mobility(cradle, bobs, i, A, c, ax, az, bx, bz):
     """a . M b of bob i for two vectors, 1/kg times their units."""
     if cradle.elastic:
-        return (ax * bx + az * bz) / bobs[i].mass
+        return (ax * bx + az * bz) * bobs[i].mobility
     tx, tz = tangent(cradle, A[i, c])
-    return (ax * tx + az * tz) * (bx * tx + bz * tz) / bobs[i].mass
+    return (ax * tx + az * tz) * (bx * tx + bz * tz) * bobs[i].mobility
 
 
-@jit
+@leaf
 def yielding(cradle, bobs, p, A, c, nx, nz):
     """D_pp: how fast pair p opens per impulse along n [1/kg]."""
     return mobility(cradle, bobs, p, A, c, nx, nz, nx, nz) + mobility(cradle, bobs, p + 1, A, c, nx, nz, nx, nz)
 
 
-@jit
+@leaf
 def push(cradle, bobs, i, A, c, T, k, jx, jz):
     """Adds M j to two components of bob i, T[i, k] and T[i, k + 1]; its motion stands in A from column c on.
 
     j is an impulse where T holds velocities, a force for accelerations, kg m for coordinates.
     """
     if cradle.elastic:
-        T[i, k] += jx / bobs[i].mass
-        T[i, k + 1] += jz / bobs[i].mass
+        T[i, k] += jx * bobs[i].mobility
+        T[i, k + 1] += jz * bobs[i].mobility
     else:
         tx, tz = tangent(cradle, A[i, c])
-        T[i, k] += (jx * tx + jz * tz) / (bobs[i].mass * bobs[i].length)
+        T[i, k] += (jx * tx + jz * tz) * bobs[i].mobility / bobs[i].length
 
 
-@jit
+@leaf
 def push_apart(cradle, bobs, p, A, c, T, k, nx, nz, j):
     """Pushes the bobs of pair p apart by j along n; see `push`."""
     push(cradle, bobs, p, A, c, T, k, -j * nx, -j * nz)
     push(cradle, bobs, p + 1, A, c, T, k, j * nx, j * nz)
 
 
-@jit
+@leaf
 def acceleration(cradle, bobs, i, A, c, R, rate):
     """Acceleration (x, z) of bob i in the plane [m/s^2]; its derivative stands in R from column `rate` on."""
     if cradle.elastic:
@@ -128,7 +128,7 @@ def acceleration(cradle, bobs, i, A, c, R, rate):
     return along * tx - inwards * tz, along * tz + inwards * tx
 
 
-@jit
+@leaf
 def opening(cradle, bobs, p, A, c, R, rate, nx, nz, spread):
     """Second derivative [m/s^2] of the gap of pair p, whose `pair` gives nx, nz and spread."""
     ax, az = acceleration(cradle, bobs, p, A, c, R, rate)

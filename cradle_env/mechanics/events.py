@@ -37,7 +37,6 @@ from cradle_env.mechanics.parameters import (
     RESOLVED,
     S_REF,
     SAMPLED,
-    SCRATCH,
     SETTLED,
     SLACK,
     START,
@@ -57,18 +56,20 @@ from cradle_env.mechanics.strings import stretch, turn, work_between
 DONE, FULL, STALLED, NOT_FINITE = 0, 1, 2, 3
 # So many events without this much progress [s] are a stall.
 _STALL_EVENTS, _STALL_TIME = 20000, 1e-7
+_FIRST = np.int64(0)
 
 
 @entry
-def run(cradle, bobs, table, S, until, times, motion, energy, impacts, count):
-    """Advances the state S past `until` [s] and samples it.
+def run(cradle, bobs, table, S, W, until, times, motion, energy, impacts, count):
+    """Advances the state S past `until` [s] and samples it; W is scratch.
 
     times (T,) s, ascending; motion (T, N, 4): theta, r, their rates; energy (T, N, 4) J: taken by drag, taken by
     the contact with the next bob while followed in time, given to the strings, of that lost (or of length 0);
     impacts (M, 4): time, pair from 0, approach speed, energy taken; the first `count` rows are in use.
     Returns (DONE | FULL | STALLED | NOT_FINITE, rows in use); after FULL the same call goes on.
     """
-    W = np.zeros((len(bobs), SCRATCH))
+    if S[0, T1] == S[0, T0] and not begin(cradle, bobs, S, W):
+        return NOT_FINITE, count
     events, progress = 0, -1.0
     while True:
         bob, end, p, meeting = next_event(S)
@@ -93,15 +94,14 @@ def run(cradle, bobs, table, S, until, times, motion, energy, impacts, count):
     return DONE, count
 
 
-@entry
-def begin(cradle, bobs, S):
+@jit
+def begin(cradle, bobs, S, W):
     """Lays the first segments from START at T0 and finds which contacts persist. Returns whether all is finite."""
     n = len(bobs)
-    W = np.zeros((n, SCRATCH))
     for i in range(n):
         S[i, FIRST], S[i, LAST] = i, i + 1
         derivative(cradle, bobs, S, W, i, i + 1, S[i, T0], S, START, S, RATE0)
-    first = np.int64(0)
+    first = _FIRST
     settle(cradle, bobs, S, W, first, n)
     regroup(cradle, bobs, S, W, first, n)
     return fly_on(cradle, bobs, S, W, first, n)

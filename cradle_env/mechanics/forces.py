@@ -6,7 +6,6 @@ small kernel, so that a test can hold it against the declaration of the effect.
 
 import math
 
-import numpy as np
 from llvmlite import ir
 from numba import types
 from numba.extending import intrinsic
@@ -61,7 +60,7 @@ def pivot_friction(tau_c, theta_dot):
 @jit
 def user_force(cradle, bob, t, r, theta, v_r, v_t):
     """(radial, tangential) force [N] of an effect from outside the package."""
-    state = np.empty(6)
+    state = bob.user_state
     state[0], state[1], state[2], state[3] = r, theta, v_r, v_t
     _call(cradle.user_force, t, _pointer(state), _pointer(bob.user))
     return state[4], state[5]
@@ -99,8 +98,8 @@ def rates(cradle, bob, branch, s_ref, t_ref, t, x, z, vx, vz):
     if cradle.elastic:
         r2 = x * x + z * z
         r = math.sqrt(r2)
-        pull = bob.grip * tension(bob, branch, s_ref, t_ref, stretch(bob, r2)) / (bob.mass * r)
-        drag = bob.b / bob.mass
+        pull = bob.grip * tension(bob, branch, s_ref, t_ref, stretch(bob, r2)) * bob.mobility / r
+        drag = bob.b * bob.mobility
         ax = -pull * x - drag * vx
         az = -pull * z - drag * vz - cradle.gravity
         power = bob.b * (vx * vx + vz * vz)

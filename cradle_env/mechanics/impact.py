@@ -22,6 +22,9 @@ from cradle_env.mechanics.jit import jit
 from cradle_env.mechanics.motion import derivative
 from cradle_env.mechanics.parameters import (
     ACTIVE,
+    CHAIN,
+    CHAIN_D,
+    CHAIN_U,
     LINK,
     LOSS,
     N_X,
@@ -52,7 +55,7 @@ _A = np.array(
 _E = np.array([71 / 57600, 0, -71 / 16695, 71 / 1920, -17253 / 339200, 22 / 525, -1 / 40])
 
 #: Error per step of the chain's velocities, relative to the speed of the blow.
-_CHAIN_TOLERANCE = 1e-8
+_CHAIN_TOLERANCE = 1e-7
 # A contact followed in time may come to rest when its bounce, at this acceleration [m/s^2], would be least.
 _LEAST_PRESS = 1e-3
 # A chain is left to itself after this many times the time scale of a pair impact, which lasts 3.2 of them.
@@ -72,30 +75,29 @@ def two_body(cradle, bobs, table, S, W, p):
 
 
 @jit
-def _chain_rates(A, diagonal, upper, x, n, out):
-    """d/dt of overlaps x[:n], their rates x[n:2n], impulses x[2n:3n] and works x[3n:4n], dimensionless (eq. 1)."""
-    for p in range(n):
+def _chain_rates(A, lo, hi, W, x, out):
+    """d/dtau of a chain's overlaps, their rates, impulses and works (eq. 1, dimensionless), from columns x to `out`."""
+    for p in range(lo, hi - 1):
+        overlap, rate = W[p, x], W[p, x + 1]
         force = 0.0
-        if x[p] > 0.0:
-            root = math.sqrt(x[p])
-            force = max(0.0, root * (x[p] + A * x[n + p]))
-        out[p] = x[n + p]
-        out[2 * n + p] = force
-        out[3 * n + p] = force * x[n + p]
-    for p in range(n):
-        total = -diagonal[p] * out[2 * n + p]
-        if p > 0:
-            total -= upper[p - 1] * out[2 * n + p - 1]
-        if p < n - 1:
-            total -= upper[p] * out[2 * n + p + 1]
-        out[n + p] = total
+        if overlap > 0.0:
+            force = max(0.0, math.sqrt(overlap) * (overlap + A * rate))
+        W[p, out], W[p, out + 2], W[p, out + 3] = rate, force, force * rate
+    for p in range(lo, hi - 1):
+        total = -W[p, CHAIN_D] * W[p, out + 2]
+        if p > lo:
+            total -= W[p - 1, CHAIN_U] * W[p - 1, out + 2]
+        if p < hi - 2:
+            total -= W[p, CHAIN_U] * W[p + 1, out + 2]
+        W[p, out + 1] = total
 
 
 @jit
-def _chain_is_over(A, x, n):
+def _chain_is_over(A, lo, hi, W):
     """No pair presses, and none approaches."""
-    for p in range(n):
-        if x[n + p] > 1e-9 or (x[p] > 0.0 and x[p] + A * x[n + p] > 0.0):
+    for p in range(lo, hi - 1):
+        overlap, rate = W[p, CHAIN], W[p, CHAIN + 1]
+        if rate > 1e-9 or (overlap > 0.0 and overlap + A * rate > 0.0):
             return False
     return True
 
@@ -106,57 +108,57 @@ def chain(cradle, bobs, table, S, W, lo, hi):
 
     All contacts start at zero overlap. Sets W[p, LOSS] [J] to what each contact took (minus the work of its force).
     """
-    n = hi - lo - 1
-    diagonal, upper, x = np.empty(n), np.zeros(n), np.zeros(4 * n)
-    nx0, nz0, blow, struck = 0.0, 0.0, 0.0, 0
-    for p in range(n):
-        _, nx, nz, v_n, _ = pair(cradle, bobs, lo + p, S, START)
-        diagonal[p] = yielding(cradle, bobs, lo + p, S, START, nx, nz)
-        if p > 0:
-            upper[p - 1] = -mobility(cradle, bobs, lo + p, S, START, nx0, nz0, nx, nz)
-        nx0, nz0 = nx, nz
-        x[n + p] = -v_n
-        if -v_n > blow:
-            blow, struck = -v_n, p
+    set_normals(cradle, bobs, lo, hi, S, START, W)
+    blow, m = 0.0, 0.0
+    for p in range(lo, hi - 1):
+        nx, nz = W[p, N_X], W[p, N_Z]
+        W[p, CHAIN_D] = yielding(cradle, bobs, p, S, START, nx, nz)
+        W[p, CHAIN_U] = 0.0
+        if p > lo:
+            off = -mobility(cradle, bobs, p, S, START, W[p - 1, N_X], W[p - 1, N_Z], nx, nz)
+            W[p - 1, CHAIN_U] = off
+        approach = 0.0 - pair(cradle, bobs, p, S, START)[3]
+        W[p, CHAIN], W[p, CHAIN + 1], W[p, CHAIN + 2], W[p, CHAIN + 3] = 0.0, approach, 0.0, 0.0
+        if approach > blow:
+            blow, m = approach, 1.0 / W[p, CHAIN_D]
     if blow == 0.0:
         return
-    m = 1.0 / diagonal[struck]
-    A = equivalent_dissipation(cradle, table, m, blow)
-    for p in range(n):
-        diagonal[p] *= m
-        upper[p] *= m
-        x[n + p] /= blow
-    _resolve(A, diagonal, upper, x, n)
-    set_normals(cradle, bobs, lo, hi, S, START, W)
-    for p in range(n):
-        W[lo + p, SOLUTION] = x[2 * n + p] * m * blow
-        W[lo + p, LOSS] = x[3 * n + p] * m * blow * blow
+    for p in range(lo, hi - 1):
+        W[p, CHAIN_D] *= m
+        W[p, CHAIN_U] *= m
+        W[p, CHAIN + 1] /= blow
+    _resolve(equivalent_dissipation(cradle, table, m, blow), lo, hi, W)
+    for p in range(lo, hi - 1):
+        W[p, SOLUTION] = W[p, CHAIN + 2] * m * blow
+        W[p, LOSS] = W[p, CHAIN + 3] * m * blow * blow
     apply_chain(cradle, bobs, lo, hi, S, START, W, S, START + 2)
 
 
 @jit
-def _resolve(A, diagonal, upper, x, n):
-    """Integrates a chain's overlaps, their rates, impulses and works x (4n,) until no pair presses or approaches."""
-    K, trial = np.empty((7, 4 * n)), np.empty(4 * n)
+def _resolve(A, lo, hi, W):
+    """Integrates a chain until no pair presses or approaches, with control of the error."""
     t, h = 0.0, 0.01
-    while t < _CHAIN_LIMIT and not (t > 0.0 and _chain_is_over(A, x, n)):
+    while t < _CHAIN_LIMIT and not (t > 0.0 and _chain_is_over(A, lo, hi, W)):
         for s in range(7):
-            trial[:] = x
-            for j in range(s):
-                weight = h * _A[s, j]
-                if weight != 0.0:
-                    for c in range(4 * n):
-                        trial[c] += weight * K[j, c]
-            _chain_rates(A, diagonal, upper, trial, n, K[s])
+            for p in range(lo, hi - 1):
+                for c in range(4):
+                    total = 0.0
+                    for j in range(s):
+                        total += _A[s, j] * W[p, CHAIN + 8 + 4 * j + c]
+                    W[p, CHAIN + 4 + c] = W[p, CHAIN + c] + h * total
+            _chain_rates(A, lo, hi, W, CHAIN + 4, CHAIN + 8 + 4 * s)
         error = 0.0
-        for c in range(2 * n):
-            e = 0.0
-            for s in range(7):
-                e += _E[s] * K[s, c]
-            error = max(error, abs(h * e))
+        for p in range(lo, hi - 1):
+            for c in range(2):
+                e = 0.0
+                for s in range(7):
+                    e += _E[s] * W[p, CHAIN + 8 + 4 * s + c]
+                error = max(error, abs(h * e))
         if error <= _CHAIN_TOLERANCE:
             t += h
-            x[:] = trial
+            for p in range(lo, hi - 1):
+                for c in range(4):
+                    W[p, CHAIN + c] = W[p, CHAIN + 4 + c]
         h *= min(4.0, max(0.2, 0.9 * (_CHAIN_TOLERANCE / max(error, 1e-30)) ** 0.2))
 
 

@@ -43,6 +43,11 @@ def jit(function):
     return numba.njit(no_cpython_wrapper=True, no_cfunc_wrapper=True, **_OPTIONS)(function)
 
 
+def leaf(function):
+    """Compiles a small kernel into each of its callers."""
+    return numba.njit(no_cpython_wrapper=True, no_cfunc_wrapper=True, inline="always", **_OPTIONS)(function)
+
+
 def entry(function):
     """Compiles a kernel that Python calls, and caches it."""
     if _FOLDER is None:

@@ -4,6 +4,7 @@ Bobs that touch nothing are groups of one; bobs in persistent contact, and all b
 couple them at a distance, share a group and a step.
 """
 
+import numpy as np
 from numba import int64
 from scipy.integrate import DOP853
 
@@ -26,9 +27,13 @@ from cradle_env.mechanics.parameters import (
     TRIAL,
 )
 
-# Dormand and Prince's method of order 8 (Hairer, Norsett, Wanner, Solving ODEs I, II.5).
+# Dormand and Prince's method of order 8 (Hairer, Norsett, Wanner, Solving ODEs I, II.5); and row by row without its
+# zeros: weights, and the column of W where the stage that they weigh stands. The last row gives the result.
 _STAGES = DOP853.n_stages
-_A, _B, _C = DOP853.A[:_STAGES, :_STAGES], DOP853.B, DOP853.C[:_STAGES]
+_A, _B, _C = DOP853.A[:_STAGES, :_STAGES], DOP853.B, np.ascontiguousarray(DOP853.C[:_STAGES])
+_ROW = np.cumsum([0, *(np.count_nonzero(row) for row in (*_A, _B))])
+_WEIGHT = np.concatenate([row[row != 0.0] for row in (*_A, _B)])
+_STAGE = STAGES + DIM * np.concatenate([np.flatnonzero(row) for row in (*_A, _B)])
 
 
 @jit
@@ -58,6 +63,32 @@ def step(cradle, bobs, S, W, lo, hi, h):
         _step_group(cradle, bobs, S, W, lo, hi, h)
 
 
+@jit
+def _step_group(cradle, bobs, S, W, lo, hi, h):
+    """Stage by stage, for the contact forces couple the bobs."""
+    for i in range(lo, hi):
+        for c in range(DIM):
+            W[i, STAGES + c] = S[i, RATE0 + c]
+    for s in range(1, _STAGES):
+        for i in range(lo, hi):
+            x, z, vx, vz = 0.0, 0.0, 0.0, 0.0
+            for k in range(_ROW[s], _ROW[s + 1]):
+                weight, stage = _WEIGHT[k], _STAGE[k]
+                x += weight * W[i, stage]
+                z += weight * W[i, stage + 1]
+                vx += weight * W[i, stage + 2]
+                vz += weight * W[i, stage + 3]
+            W[i, TRIAL], W[i, TRIAL + 1] = S[i, START] + h * x, S[i, START + 1] + h * z
+            W[i, TRIAL + 2], W[i, TRIAL + 3] = S[i, START + 2] + h * vx, S[i, START + 3] + h * vz
+        derivative(cradle, bobs, S, W, lo, hi, S[lo, T0] + _C[s] * h, W, TRIAL, W, STAGES + DIM * s)
+    for i in range(lo, hi):
+        for c in range(DIM):
+            total = 0.0
+            for k in range(_ROW[_STAGES], _ROW[_STAGES + 1]):
+                total += _WEIGHT[k] * W[i, _STAGE[k] + c]
+            W[i, OUT + c] = S[i, START + c] + h * total
+
+
 def _weighed(weights, name):
     """The source of sum(weights[j] * name(j)), without zeros."""
     return " + ".join(f"{float(w)!r} * {name(j)}" for j, w in enumerate(weights) if w != 0.0)
@@ -70,8 +101,7 @@ def _source_of_step_one():
         "bob, t = bobs[i], S[i, T0]",
         "branch, s_ref, t_ref = S[i, BRANCH], S[i, S_REF], S[i, T_REF]",
         "y0, y1, y2, y3 = S[i, START], S[i, START + 1], S[i, START + 2], S[i, START + 3]",
-        "v0_0, v1_0, a0_0, a1_0, p_0 = "
-        "S[i, RATE0], S[i, RATE0 + 1], S[i, RATE0 + 2], S[i, RATE0 + 3], S[i, RATE0 + 4]",
+        "v0_0, v1_0, a0_0, a1_0, p_0 = S[i, RATE0], S[i, RATE0 + 1], S[i, RATE0 + 2], S[i, RATE0 + 3], S[i, RATE0 + 4]",
     ]
     for s in range(1, _STAGES):
         for y, target, rate in (("y0", "x", "v0"), ("y1", "z", "v1"), ("y2", f"v0_{s}", "a0"), ("y3", f"v1_{s}", "a1")):
@@ -84,28 +114,8 @@ def _source_of_step_one():
     return "\n    ".join(lines)
 
 
-def _source_of_step_group():
-    """Source of the step of a group: stage by stage, for the contact forces couple its bobs."""
-    lines = ["def step_group(cradle, bobs, S, W, lo, hi, h):", "t = S[lo, T0]"]
-
-    def advance(target, width, weights):
-        lines.append("for i in range(lo, hi):")
-        for c in range(width):
-            rates_of = lambda j, c=c: f"S[i, RATE0 + {c}]" if j == 0 else f"W[i, {STAGES + DIM * j + c}]"  # noqa: E731
-            lines.append(f"    W[i, {target + c}] = S[i, START + {c}] + h * ({_weighed(weights, rates_of)})")
-
-    for s in range(1, _STAGES):
-        advance(TRIAL, 4, _A[s])
-        lines.append(
-            f"derivative(cradle, bobs, S, W, lo, hi, t + {float(_C[s])!r} * h, W, TRIAL, W, int64({STAGES + DIM * s}))"
-        )
-    advance(OUT, DIM, _B)
-    return "\n    ".join(lines)
-
-
 exec(_source_of_step_one(), globals())
-exec(_source_of_step_group(), globals())
-_step_one, _step_group = jit(globals()["step_one"]), jit(globals()["step_group"])
+_step_one = jit(globals()["step_one"])
 
 
 @jit

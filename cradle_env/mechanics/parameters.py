@@ -49,6 +49,7 @@ CRADLE = np.dtype(
 BOB = np.dtype(
     [
         ("mass", "f8"),  # kg
+        ("mobility", "f8"),  # 1/mass
         ("pivot", "f8"),  # its x, m
         ("length", "f8"),  # r0, m
         ("half_spacing", "f8"),  # a, m
@@ -59,6 +60,7 @@ BOB = np.dtype(
         ("c2", "f8"),  # quadratic_drag, kg/m
         ("tau_c", "f8"),  # pivot_friction, N m
         ("user", "f8", (8,)),  # parameters of the force from outside
+        ("user_state", "f8", (6,)),  # what passes to and from it
     ]
 )
 
@@ -86,4 +88,6 @@ FORCE = 14 * DIM  # contact force of pair i [N]
 WANTED, ACTIVE, SOLUTION, DIAGONAL, UPPER, VALUE = range(FORCE + 1, FORCE + 7)  # of contact.solve_chain
 LOSS = FORCE + 7  # what an impact took from pair i [J]
 N_X, N_Z = FORCE + 8, FORCE + 9  # unit vector of pair i
-SCRATCH = FORCE + 10
+CHAIN_D, CHAIN_U = FORCE + 10, FORCE + 11  # diagonal and off-diagonal of a chain's equations, dimensionless
+CHAIN = FORCE + 12  # a chain's overlap, its rate, impulse and work; 4 each: now, at a stage, and of 7 stages d/dtau
+SCRATCH = CHAIN + 4 * 9

@@ -10,12 +10,12 @@ from cradle_env.mechanics.parameters import (
     ACTIVE,
     BRANCH,
     DIM,
+    FORCE,
     LINK,
     LOADING,
     MEETING,
     PRESSED,
     S_REF,
-    SCRATCH,
     SLACK,
     SOLUTION,
     START,
@@ -25,6 +25,8 @@ from cradle_env.mechanics.parameters import (
     WORK,
 )
 from cradle_env.mechanics.strings import stretch, work_between
+
+_FIRST = np.int64(0)
 
 
 @jit
@@ -62,15 +64,15 @@ def hang(cradle, bob, S, i, fx, fz):
 
 
 @entry
-def at_rest(cradle, bobs, angles, hanging, S):
+def at_rest(cradle, bobs, angles, hanging, S, W):
     """Fills S, at T0, with bobs at rest: lifted to angles (N,) [rad], the others (nan) in their common equilibrium.
 
     A lifted bob starts at r0, its strings unstretched, or, with `hanging`, at its hanging length. Lifted
     neighbours that would overlap are spread until they touch. Returns the largest remaining overlap [m].
     """
     n = len(bobs)
-    S[:, MEETING] = np.inf
-    force, W = np.zeros(n), np.zeros((n, SCRATCH))
+    for i in range(n):
+        S[i, MEETING], W[i, FORCE] = math.inf, 0.0
     for i in range(n):
         if math.isnan(angles[i]):
             hang(cradle, bobs[i], S, i, 0.0, 0.0)
@@ -86,43 +88,44 @@ def at_rest(cradle, bobs, angles, hanging, S):
         for p in range(n - 1):
             gap = pair(cradle, bobs, p, S, START)[0]
             hangs = math.isnan(angles[p]) and math.isnan(angles[p + 1])
-            W[p, ACTIVE] = hangs and (gap < 0.0 or force[p] > 0.0)
+            W[p, ACTIVE] = hangs and (gap < 0.0 or W[p, FORCE] > 0.0)
             W[p, WANTED] = -gap * cradle.gravity / bobs[p].length
             if W[p, ACTIVE] != 0.0:
                 worst = max(worst, abs(gap))
         if worst < 1e-16:
             break
-        set_normals(cradle, bobs, np.int64(0), n, S, START, W)
-        solve_chain(cradle, bobs, np.int64(0), n, S, START, W)
+        set_normals(cradle, bobs, _FIRST, n, S, START, W)
+        solve_chain(cradle, bobs, _FIRST, n, S, START, W)
         for p in range(n - 1):
-            force[p] = max(0.0, force[p] + W[p, SOLUTION])
+            W[p, FORCE] = max(0.0, W[p, FORCE] + W[p, SOLUTION])
         nx0, nz0 = 0.0, 0.0
         before = 0.0
         for i in range(n):
             nx, nz, after = 0.0, 0.0, 0.0
-            if i < n - 1 and force[i] > 0.0:
+            if i < n - 1 and W[i, FORCE] > 0.0:
                 _, nx, nz, _, _ = pair(cradle, bobs, i, S, START)
-                after = force[i]
+                after = W[i, FORCE]
             if math.isnan(angles[i]):
                 hang(cradle, bobs[i], S, i, before * nx0 - after * nx, before * nz0 - after * nz)
             nx0, nz0, before = nx, nz, after
     for p in range(n - 1):
-        if force[p] > 0.0:
+        if W[p, FORCE] > 0.0:
             S[p, LINK] = PRESSED
 
-    lifted = ~np.isnan(angles)
-    return spread(cradle, bobs, lifted, S)
+    for i in range(n):
+        W[i, ACTIVE] = not math.isnan(angles[i])
+    return spread(cradle, bobs, S, W)
 
 
 @entry
-def moving(cradle, bobs, theta, theta_dot, r, r_dot, tension_ratio, S):
+def moving(cradle, bobs, theta, theta_dot, r, r_dot, tension_ratio, S, W):
     """Fills S, at T0, with any motion: arrays (N,), rad, m and per second; r = nan is the hanging length.
 
     tension_ratio: tension over that of the virgin loading line at the same stretch. Bobs that would overlap are
     spread until they touch. Returns the largest remaining overlap [m].
     """
-    S[:, MEETING] = np.inf
     for i in range(len(bobs)):
+        S[i, MEETING], W[i, ACTIVE] = math.inf, 1.0
         radius = hanging_radius(cradle, bobs[i], bobs[i].mass * cradle.gravity) if math.isnan(r[i]) else r[i]
         put(cradle, bobs[i], S, i, theta[i], radius)
         if cradle.elastic:
@@ -137,12 +140,12 @@ def moving(cradle, bobs, theta, theta_dot, r, r_dot, tension_ratio, S):
                 S[i, S_REF], S[i, T_REF] = s, tension_ratio[i] * bobs[i].kappa * s
         else:
             S[i, START + 2] = theta_dot[i]
-    return spread(cradle, bobs, np.ones(len(bobs), dtype=np.bool_), S)
+    return spread(cradle, bobs, S, W)
 
 
 @jit
-def spread(cradle, bobs, free, S):
-    """Turns neighbours that overlap, both free (N,), away from each other until they touch.
+def spread(cradle, bobs, S, W):
+    """Turns neighbours that overlap, both with W[i, ACTIVE], away from each other until they touch.
 
     Returns the largest overlap that remains [m].
     """
@@ -150,7 +153,7 @@ def spread(cradle, bobs, free, S):
         worst = 0.0
         for p in range(len(bobs) - 1):
             gap = pair(cradle, bobs, p, S, START)[0]
-            if gap < -1e-15 and free[p] and free[p + 1]:
+            if gap < -1e-15 and W[p, ACTIVE] != 0.0 and W[p + 1, ACTIVE] != 0.0:
                 worst = max(worst, -gap)
                 rotate(cradle, S, p, 0.5 * gap / bobs[p].length)
                 rotate(cradle, S, p + 1, -0.5 * gap / bobs[p + 1].length)

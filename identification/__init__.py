@@ -1,0 +1,33 @@
+"""The experimenter: measured runs of a Newton's cradle in, its parameters and λ with their uncertainty out.
+
+from identification import Experiment, calibrate
+posterior = calibrate(Experiment.load("experiment.toml"))
+posterior.summary(), posterior.newton_exponent(), posterior.predict(delta=1e-3)
+"""
+
+import importlib
+
+# Public names by the module that holds them: loaded when first asked for, so that the import stays light.
+_PUBLIC = {
+    "Experiment": "experiment",
+    "Posterior": "posterior",
+    "calibrate": "calibration",
+}
+
+__all__ = [*_PUBLIC]
+
+
+def __getattr__(name: str):
+    if name == "__version__":
+        from importlib.metadata import version
+
+        return version("newtons-cradle")
+    if name not in _PUBLIC:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    value = getattr(importlib.import_module(f"{__name__}.{_PUBLIC[name]}"), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted([*globals(), *_PUBLIC])

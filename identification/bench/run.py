@@ -1,0 +1,133 @@
+"""Speed and accuracy as ratios, measured in one run on one core: `cradle bench`.
+
+The opponent is SciPy's DOP853 with events (`scipy_peer`) at rtol 1e-8, NSP with hysteretic strings. Both are
+compared with the same peer at rtol 1e-13; from N = 3 on over the first seconds only, since rounding errors grow.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+import platform
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cradle_env import Cradle, Release, __version__, simulate
+from identification.bench import scipy_peer
+from identification.results import write_json
+from identification.terminal import Progress, print_table
+
+_ANGLE, _RATE = 0.228, 60.0
+#: What is raced, and over how long accuracy is compared [s]: all of it for two bobs, else before rounding grows.
+_RACES = {2: np.inf, 5: 3.0}
+#: Our integration step as it is by default, and a shorter one.
+_STEPS = (1.0, 0.7)
+_FIRST_CALL = "import time; t = time.perf_counter(); import cradle_env as c; c.simulate(c.Cradle(), c.Release(angle=0.228)); print(time.perf_counter() - t)"  # noqa: E501
+_IMPORT = "import time; t = time.process_time(); import {}; print(time.process_time() - t)"
+
+
+def race(bobs: int, duration: float, compared: float) -> list[dict[str, Any]]:
+    """Time [s] and largest error of θ [rad] of our integrator and of SciPy's over the same run."""
+    cradle, release = Cradle(bobs=bobs), Release(angle=_ANGLE)
+    times = np.arange(int(duration * _RATE) + 1) / _RATE
+    early = times <= compared
+
+    def peer(rows: np.ndarray, **tolerances: float) -> np.ndarray:
+        return scipy_peer.simulate(bobs, angle=_ANGLE, times=times[rows], kappa=cradle.kappa, **tolerances)[0]
+
+    reference = peer(early, rtol=1e-13, atol=1e-15, max_step=0.005)
+    whole = np.ones_like(early)
+    seconds, theta = _timed(lambda: peer(whole, rtol=1e-8), repeats=1)
+    rows = [{"integrator": "SciPy DOP853, rtol 1e-8", "seconds": seconds, "error": _error(theta, reference, early)}]
+    for factor in _STEPS:
+        ours = lambda factor=factor: simulate(cradle, release, times=times, step_factor=factor).theta  # noqa: E731
+        ours()
+        found, theta = _timed(ours, repeats=9)
+        name = "cradle_env" if factor == 1.0 else f"cradle_env, {factor:g} of its step"
+        rows.append({"integrator": name, "seconds": found, "error": _error(theta, reference, early)})
+    return [{"bobs": bobs, "simulated": duration, **row, "ratio": seconds / row["seconds"]} for row in rows]
+
+
+def _timed(function: Callable[[], np.ndarray], repeats: int) -> tuple[float, np.ndarray]:
+    """(the least of so many times [s], the result)."""
+    best, result = np.inf, np.empty(0)
+    for _ in range(repeats):
+        start = time.perf_counter()
+        result = function()
+        best = min(best, time.perf_counter() - start)
+    return best, result
+
+
+def _error(theta: np.ndarray, reference: np.ndarray, early: np.ndarray) -> float:
+    return float(np.abs(theta[early] - reference).max())
+
+
+def first_calls() -> dict[str, float]:
+    """Seconds of import and first simulation in a fresh process: without compiled kernels, and with them."""
+    spec = importlib.util.find_spec("cradle_env")
+    assert spec is not None and spec.origin is not None
+    with tempfile.TemporaryDirectory() as folder:
+        shutil.copytree(
+            Path(spec.origin).parent, Path(folder) / "cradle_env", ignore=shutil.ignore_patterns("__pycache__")
+        )
+        cold, cached = (_python(_FIRST_CALL, folder) for _ in range(2))
+    return {"first call": cold, "first call, cached": cached}
+
+
+def import_times() -> dict[str, float]:
+    """Processor seconds of each import in a fresh process, the least of five."""
+    return {
+        f"import {name}": min(_python(_IMPORT.format(name)) for _ in range(5)) for name in ("cradle_env", "gymnasium")
+    }
+
+
+def _python(code: str, folder: str | None = None) -> float:
+    """The number that `code` prints in a fresh interpreter that looks for packages in `folder` first."""
+    found = subprocess.run(
+        [sys.executable, "-c", code], cwd=folder, capture_output=True, text=True, check=True, env=_environment(folder)
+    )
+    return float(found.stdout)
+
+
+def _environment(folder: str | None) -> dict[str, str]:
+    environment = os.environ | {"OMP_NUM_THREADS": "1"}
+    return environment if folder is None else environment | {"PYTHONPATH": folder}
+
+
+def main(duration: float, out: Path | None) -> None:
+    """Measures, prints a table, and writes bench.json if a folder is given."""
+    with Progress() as progress:
+        races = []
+        for i, (bobs, compared) in enumerate(_RACES.items()):
+            progress("race", i / len(_RACES), f"{bobs} bobs over {duration:g} s")
+            races += race(bobs, duration, min(compared, duration))
+        progress("start", None, "fresh processes, without and with compiled kernels")
+        starts = first_calls() | import_times()
+    columns = ("bobs", "integrator", "time [s]", "SciPy's time over it", "largest error of θ [rad]")
+    numbers = [(f"{row['seconds']:.3g}", f"{row['ratio']:.0f}", f"{row['error']:.1e}") for row in races]
+    print_table(columns, [(str(row["bobs"]), row["integrator"], *n) for row, n in zip(races, numbers, strict=True)])
+    print_table(("in a fresh process", "time [s]"), [(name, f"{seconds:.2f}") for name, seconds in starts.items()])
+    relative = starts["import cradle_env"] / starts["import gymnasium"]
+    print(f"import cradle_env takes {relative:.2f} times as long as import gymnasium")
+    if out is not None:
+        versions = {name: metadata.version(name) for name in ("numpy", "scipy", "numba", "gymnasium")}
+        content = {
+            "format": "cradle-bench/1",
+            "version": __version__,
+            "python": platform.python_version(),
+            "machine": platform.machine(),
+            "versions": versions,
+            "races": races,
+            "seconds": starts,
+            "import_ratio": relative,
+        }
+        print(f"figures: {write_json(out / 'bench.json', content)}")

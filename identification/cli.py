@@ -1,0 +1,221 @@
+"""The command `cradle`: what it understands, and how it ends.
+
+Exit status: 0, done; 2, unusable input, with one line on stderr; 130, interrupted; 1, anything else. What a command
+needs is imported when it runs, so that help and refusals come at once.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+_USAGE_ERROR = typer.BadParameter.__mro__[1]  # click's, or typer's own copy of it
+_UNUSABLE = (ValueError, FileNotFoundError, FileExistsError, PermissionError, IsADirectoryError, NotADirectoryError)
+
+app = typer.Typer(
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    help="Newton's cradle: simulate it, calibrate it against a measurement, predict how fast it synchronizes.",
+)
+
+Out = Annotated[Path, typer.Option("--out", metavar="DIR", help="Folder for the results; made if need be.")]
+Seed = Annotated[int, typer.Option("--seed", min=0, help="Seed of all random numbers.")]
+Workers = Annotated[int | None, typer.Option("--workers", min=1, help="Threads; all cores where omitted.")]
+_Unused = Annotated[int | None, typer.Option("--workers", hidden=True)]
+
+
+class _InterruptedError(Exception):
+    """Ctrl-C; the message says what is kept and how to go on."""
+
+
+@contextmanager
+def _kept(what: str) -> Iterator[None]:
+    try:
+        yield
+    except KeyboardInterrupt:
+        raise _InterruptedError(f"interrupted; {what}") from None
+
+
+def _show_version(wanted: bool) -> None:
+    if wanted:
+        from identification import __version__
+
+        typer.echo(f"newtons-cradle {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def _program(
+    version: Annotated[bool, typer.Option("--version", is_eager=True, callback=_show_version, help="Say it.")] = False,
+) -> None:
+    pass
+
+
+@app.command()
+def new(
+    data: Annotated[Path, typer.Argument(metavar="DATA.csv", help="CSV, or an export of Tracker.")],
+    out: Annotated[
+        Path | None, typer.Option("--out", metavar="FILE", help="Beside the data, as experiment.toml, where omitted.")
+    ] = None,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace a file that exists.")] = False,
+    seed: Annotated[int, typer.Option("--seed", hidden=True)] = 0,
+    workers: _Unused = None,
+) -> None:
+    """Write a first experiment.toml for a data file, with guesses from the data to check and correct."""
+    from identification.scaffold import scaffold
+
+    path = scaffold(data, out, overwrite=overwrite)
+    typer.echo(f"{path}: check each entry against your cradle, then: cradle calibrate {path} --out DIR")
+
+
+@app.command()
+def simulate(
+    out: Out,
+    bobs: Annotated[int | None, typer.Option(help="Number of bobs. [default: 5]", show_default=False)] = None,
+    delta: Annotated[
+        str | None, typer.Option(metavar="NUMBER", help="δ = d/2R − 1, or one per gap as 0,0.001. [default: 0]")
+    ] = None,
+    release_angle: Annotated[float | None, typer.Option(help="rad. [default: 0.228]", show_default=False)] = None,
+    lifted: Annotated[int | None, typer.Option(help="Bobs lifted together. [default: 1]", show_default=False)] = None,
+    start: Annotated[str | None, typer.Option(help="unstretched | hanging: the lifted bobs' strings.")] = None,
+    model: Annotated[str | None, typer.Option(help="ho | pendulum | nsp. [default: nsp]", show_default=False)] = None,
+    beta: Annotated[float | None, typer.Option(help="β, which sets κ. [default: 0.114]", show_default=False)] = None,
+    kappa: Annotated[float | None, typer.Option(help="κ in N/m, instead of β.", show_default=False)] = None,
+    k_f: Annotated[float | None, typer.Option("--k-f", help="k_f in N s m^-3/2.", show_default=False)] = None,
+    b: Annotated[float | None, typer.Option("--b", help="Linear drag in kg/s.", show_default=False)] = None,
+    effect: Annotated[
+        list[str] | None,
+        typer.Option(metavar="NAME.KEY=VALUE", help="An effect's parameter; =-NAME takes one out. Repeat at will."),
+    ] = None,
+    set_: Annotated[
+        list[str] | None,
+        typer.Option("--set", metavar="FIELD=VALUE", help="Any field of Cradle, as length=0.25. Repeat at will."),
+    ] = None,
+    source: Annotated[
+        Path | None,
+        typer.Option("--from", metavar="FILE", help="Take cradle and first release from an experiment.toml;"
+                     " the options above then change them."),
+    ] = None,
+    duration: Annotated[float, typer.Option(help="s")] = 60.0,
+    sample_rate: Annotated[float, typer.Option(help="1/s")] = 240.0,
+    experiment: Annotated[
+        bool,
+        typer.Option("--experiment", help="Also write experiment.toml with run1.csv, for calibrate: what the model's"
+                     " instrument would show, with noise. Its stated parameters are the true ones."),
+    ] = False,
+    noise: Annotated[float, typer.Option(help="rad, 1 sigma of a reading, with --experiment.")] = 1e-3,
+    seed: Seed = 0,
+    workers: _Unused = None,
+) -> None:  # fmt: skip
+    """Simulate one run: trajectory.csv, impacts.csv, summary.json and run.png."""
+    from identification import commands
+
+    fields = {"bobs": bobs, "model": model, "beta": beta, "kappa": kappa, "k_f": k_f, "b": b}
+    cradle, release = commands.described(
+        source, fields, delta, effect or [], set_ or [], angle=release_angle, lifted=lifted, start=start
+    )
+    with _kept("nothing was written that was not finished"):
+        commands.simulate(cradle, release, duration, sample_rate, out, noise if experiment else None, seed)
+
+
+@app.command()
+def calibrate(
+    experiment: Annotated[Path, typer.Argument(metavar="EXPERIMENT.toml", help="See `cradle new`.")],
+    out: Out,
+    steps: Annotated[int | None, typer.Option(help="Steps in all; until converged where omitted.")] = None,
+    max_steps: Annotated[int, typer.Option(help="Give up beyond so many steps.")] = 20000,
+    seed: Seed = 0,
+    workers: Workers = None,
+) -> int:
+    """Infer a cradle's parameters and λ: summary.json, chain.h5, posterior.nc, pictures and report.html.
+
+    The same command goes on where it was interrupted. Status 1 if the chains have not converged.
+    """
+    from identification import commands
+
+    again = "the same command goes on from the last checkpoint"
+    with _kept(f"{out / 'chain.h5'} holds what was sampled, and {again}"):
+        return commands.calibrate(experiment, out, steps, max_steps, seed, workers)
+
+
+@app.command()
+def predict(
+    calibration: Annotated[Path, typer.Argument(metavar="DIR", help="Folder that `cradle calibrate` wrote.")],
+    out: Out,
+    delta: Annotated[float | None, typer.Option(help="δ; that of the experiment where omitted.")] = None,
+    release_angle: Annotated[float | None, typer.Option(help="rad; likewise.")] = None,
+    bobs: Annotated[int | None, typer.Option(help="Number of bobs; likewise.")] = None,
+    draws: Annotated[int, typer.Option(min=2, help="Samples of the posterior to simulate.")] = 200,
+    seed: Seed = 0,
+    workers: Workers = None,
+) -> None:
+    """Predict σ(t) and λ of any cradle from a calibration: prediction.json, prediction.csv and prediction.png."""
+    from identification import commands
+
+    with _kept("nothing was written that was not finished"):
+        commands.predict(calibration, out, delta, release_angle, bobs, draws, seed, workers)
+
+
+@app.command()
+def bench(
+    out: Annotated[Path | None, typer.Option("--out", metavar="DIR", help="Folder for bench.json.")] = None,
+    duration: Annotated[float, typer.Option(min=1.0, help="Simulated time of each race, s.")] = 20.0,
+    seed: Annotated[int, typer.Option("--seed", hidden=True)] = 0,
+    workers: _Unused = None,
+) -> None:
+    """Measure speed and accuracy against SciPy on this machine, on one core, as ratios."""
+    from identification.bench import run
+
+    with _kept("nothing was written"):
+        run.main(duration, out)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Runs the command; its exit status."""
+    try:
+        return int(app(args=arguments, prog_name="cradle", standalone_mode=False) or 0)
+    except _USAGE_ERROR as problem:
+        return _end(2, _usage(problem))
+    except _InterruptedError as problem:
+        return _end(130, str(problem))
+    except (KeyboardInterrupt, typer.Abort):
+        return _end(130, "interrupted")
+    except BrokenPipeError:  # the reader of our output has gone
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 1
+    except _UNUSABLE as problem:
+        return _end(2, _one_line(problem))
+    except (OSError, MemoryError) as problem:
+        return _end(1, _one_line(problem) or type(problem).__name__)
+    except RuntimeError as problem:
+        from cradle_env import SimulationError
+
+        if not isinstance(problem, SimulationError):
+            raise
+        return _end(1, str(problem))
+
+
+def _usage(problem: Exception) -> str:
+    """A mistake on the command line in one line, with the nearest that is right."""
+    possible = getattr(problem, "possibilities", None)
+    message = problem.format_message()  # type: ignore[attr-defined]
+    if possible:
+        message = message.partition("(")[0].strip() + f"; did you mean {possible[0]}?"
+    return f"{message}{'' if message.endswith(('.', '?')) else '.'} See cradle --help."
+
+
+def _one_line(problem: BaseException) -> str:
+    if isinstance(problem, OSError) and problem.filename is not None:
+        return f"{problem.filename}: {problem.strerror}"
+    return str(problem)
+
+
+def _end(status: int, message: str) -> int:
+    print("cradle:", " ".join(message.split()), file=sys.stderr)
+    return status

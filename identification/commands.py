@@ -1,0 +1,217 @@
+"""What the commands do, between the words of the command line and the files that are written."""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import json
+import sys
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cradle_env import simulation
+from cradle_env.cradle import STANDARD_BETA, Cradle, Release
+from cradle_env.errors import check_range, unknown_key
+from identification import results
+from identification.experiment import Experiment
+from identification.measurement import Instrument
+from identification.posterior import Posterior
+from identification.runs import ReleaseInfo, Run
+from identification.terminal import Progress, print_table
+from identification.wording import convergence_verdict, model_verdict, number, rounding_of, shown, unit_plain
+
+#: The release of the paper, where none is stated.
+_ANGLE = 0.228
+
+
+def described(
+    source: Path | None,
+    fields: Mapping[str, Any],
+    delta: str | None,
+    effects: Sequence[str],
+    settings: Sequence[str],
+    *,
+    angle: float | None,
+    lifted: int | None,
+    start: str | None,
+) -> tuple[Cradle, Release]:
+    """The cradle and the release that a command line describes; None: as in the source file, or the default."""
+    cradle, release = Cradle(), Release(angle=_ANGLE)
+    if source is not None:
+        experiment = Experiment.load(source)
+        run = experiment.runs[0]
+        cradle = experiment.cradle_of(run)
+        release = release if run.release is None else run.release.release
+    values = {name: value for name, value in fields.items() if value is not None}
+    if delta is not None:
+        gaps = tuple(_number("delta", gap) for gap in delta.split(","))
+        values["delta"] = gaps[0] if len(gaps) == 1 else gaps
+    elif values.get("bobs", cradle.bobs) != cradle.bobs and isinstance(cradle.delta, tuple):
+        raise ValueError(f"{source} has one delta per gap; give --delta for {values['bobs']} bobs")
+    values |= dict(_setting(text) for text in settings)
+    if effects:
+        values["effects"] = _with_effects(cradle, effects)
+    beta = values.pop("beta", None)
+    if beta is not None and "kappa" in values:
+        raise ValueError("both beta and kappa are given; beta sets kappa, so give one of them")
+    if source is None and beta is None and "kappa" not in values:
+        beta = STANDARD_BETA  # of the masses and lengths that are set here
+    cradle = cradle.replace(**values)
+    if beta is not None:
+        stated = {f.name: getattr(cradle, f.name) for f in dataclasses.fields(cradle) if f.name != "kappa"}
+        cradle = Cradle.from_groups(beta=beta, **stated)
+    if angle is not None or lifted is not None:
+        release = Release(
+            angle=release.lead(cradle)[1] if angle is None else angle,
+            bobs=release.bobs if lifted is None else lifted,
+            start=release.start,
+        )
+    return cradle, release if start is None else dataclasses.replace(release, start=start)
+
+
+def _number(name: str, text: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        raise ValueError(f"{name} is {text!r}, which is not a number") from None
+
+
+def _setting(text: str) -> tuple[str, Any]:
+    """("length", 0.25) of "length=0.25"."""
+    known = [f.name for f in dataclasses.fields(Cradle) if f.name not in ("model", "effects", "power_law")]
+    name, equals, value = text.partition("=")
+    if not equals:
+        raise ValueError(f"--set {text}: expected FIELD=VALUE, as length=0.25")
+    if name not in known:
+        raise ValueError(f"--set {text}: {unknown_key('field', name, known)}")
+    return name, _number(f"--set {name}", value)
+
+
+def _with_effects(cradle: Cradle, texts: Sequence[str]) -> dict[str, dict[str, float]]:
+    """The cradle's effects with those of "name.key=value", "name" or "-name" added."""
+    effects = {name: dict(values) for name, values in cradle.effects.items()}
+    for text in texts:
+        address, equals, value = text.partition("=")
+        name, dot, key = address.partition(".")
+        if bool(equals) != bool(dot):
+            raise ValueError(f"--effect {text}: expected NAME.KEY=VALUE, as quadratic_drag.c2=0.002, or -NAME")
+        entry = effects.setdefault(name, {})
+        if equals:
+            entry[key] = _number(f"--effect {address}", value)
+    return effects
+
+
+def simulate(
+    cradle: Cradle,
+    release: Release,
+    duration: float,
+    sample_rate: float,
+    out: Path,
+    noise: float | None,
+    seed: int,
+) -> None:
+    """Simulates one run and writes it; with noise [rad], an experiment with its data too."""
+    if noise is not None:
+        check_range("noise", noise, "rad", 0.0, above=True)
+    with Progress() as progress:
+        progress("simulate", None, "the first run after installation compiles for some seconds")
+        run = simulation.simulate(cradle, release, duration, sample_rate)
+        progress("draw", None)
+        described_by = {"cradle": results.cradle_values(cradle), "release": results.release_values(release)}
+        inputs = hashlib.sha256(json.dumps([described_by, duration, sample_rate], sort_keys=True).encode()).hexdigest()
+        summary = results.save_run(run, out, seed=seed, inputs=inputs)
+        if noise is not None:
+            _as_experiment(cradle, release, run.t, noise, seed).save(out)
+    rate, groups = summary["lambda"], summary["cradle"]["groups"] | {"gamma": summary["release"]["gamma"]}
+    symbols = {"alpha": "α", "n": "n", "beta": "β", "gamma": "γ"}
+    rows = [
+        ("λ", "–" if rate is None else f"{number(rate['value'], 5)} 1/s"),
+        ("σ at the end", number(summary["sigma_final"])),
+        ("impacts", str(summary["impacts"])),
+        ("groups", ", ".join(f"{symbol} = {number(groups[key], 4)}" for key, symbol in symbols.items())),
+    ]
+    print_table(("quantity", "value"), rows)
+    print(f"picture: {out / 'run.png'}")
+    if noise is not None:
+        print(f"experiment: {out / 'experiment.toml'}")
+
+
+def _as_experiment(cradle: Cradle, release: Release, times: np.ndarray, noise: float, seed: int) -> Experiment:
+    """What the model's instrument would show of a run, with Gaussian noise [rad], and the truth stated."""
+    instants = np.maximum(Instrument(cradle).instants(times), 0.0)
+    order = np.argsort(instants, kind="stable")
+    motion = simulation.simulate(cradle, release, times=instants[order], ledger=False)
+    back = np.argsort(order, kind="stable")
+    shown_ = Instrument(cradle).readings(motion.theta[back])
+    shown_ = shown_ + noise * np.random.default_rng(seed).standard_normal(shown_.shape)
+    return Experiment(cradle, (Run(times, shown_, release=ReleaseInfo(release), delta=cradle.delta, noise=noise),))
+
+
+def calibrate(
+    path: Path, out: Path, steps: int | None, max_steps: int, seed: int, workers: int | None
+) -> int:  # fmt: skip
+    """Calibrates an experiment and writes all of it; 0 if the chains have converged, else 1."""
+    from identification.calibration import calibrate as run
+
+    experiment = Experiment.load(path)
+    with Progress() as progress:
+        posterior = run(
+            experiment, out=out, steps=steps, max_steps=max_steps, seed=seed, workers=workers, progress=progress
+        )
+        summary = results.save_calibration(posterior, out, lambda fraction, text: progress("draw", fraction, text))
+    found = {**summary["parameters"], **({"λ": summary["lambda"]} if summary["lambda"] else {})}
+    print_table(_COLUMNS, [_row(name, entry, entry["unit"]) for name, entry in found.items()])
+    print(model_verdict(summary))
+    print(f"report: {out / 'report.html'}")
+    if not summary["converged"]:
+        print(f"cradle: {convergence_verdict(summary)}", file=sys.stderr)
+        return 1
+    print(convergence_verdict(summary))
+    return 0
+
+
+def predict(
+    folder: Path,
+    out: Path,
+    delta: float | None,
+    release_angle: float | None,
+    bobs: int | None,
+    draws: int,
+    seed: int,
+    workers: int | None,
+) -> None:
+    """Predicts σ(t) and λ from a calibration and writes them."""
+    file = folder / "posterior.nc" if folder.is_dir() else folder
+    if not file.is_file():
+        raise FileNotFoundError(
+            2, "no posterior there; make one with cradle calibrate EXPERIMENT.toml --out", str(file)
+        )
+    with Progress() as progress:
+        progress("load", None)
+        posterior = dataclasses.replace(Posterior.load(file, workers), seed=seed)
+        progress("predict", None, f"{draws} runs")
+        prediction = posterior.predict(delta, release_angle, bobs, count=draws)
+        progress("draw", None)
+        content = results.save_prediction(prediction, out, posterior=posterior, seed=seed)
+    rows = [_row("λ", content["lambda"], "1/s")]
+    for second, bands in content["sigma_at_s"].items():
+        half = 0.5 * float(bands["ci68"][1] - bands["ci68"][0])
+        rows.append(_row(f"σ({second} s)", {**bands, "sd": half}, "1"))
+    print_table(_COLUMNS, rows)
+    for key, verdict in (("converged", convergence_verdict), ("model_describes_data", model_verdict)):
+        if not content["calibration"][key]:
+            print(f"cradle: of the calibration: {verdict(posterior.summary())}", file=sys.stderr)
+    print(f"picture: {out / 'prediction.png'}")
+
+
+_COLUMNS = ("quantity", "median ± sd", "68 % interval", "95 % interval", "unit")
+
+
+def _row(name: str, found: Mapping[str, Any], unit: str) -> tuple[str, ...]:
+    """A line of a table of results, rounded to its uncertainty."""
+    text = shown(found)
+    spread = f"{text['median']} ± {text['sd']}"
+    return name, spread, text["ci68"], text["ci95"], unit_plain(unit, rounding_of(found).exponent)

@@ -1,0 +1,177 @@
+"""Results as files: whole or not at all. Each file is written under a temporary name and then renamed."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cradle_env import __version__
+from cradle_env.cradle import Cradle, Release
+from cradle_env.synchronization import ENVELOPE_PERIODS, WINDOW
+from cradle_env.trajectory import Trajectory
+from identification.csv_data import csv_text
+from identification.posterior import Posterior, Prediction
+from identification.style import png
+
+#: Told before each picture: how much is done, and what comes.
+Tell = Callable[[float, str], None]
+
+
+@contextmanager
+def replacing(path: Path) -> Iterator[Path]:
+    """A temporary path beside `path`, which takes its place when all went well."""
+    temporary = path.with_name(f".{path.name}.{os.getpid()}.part")
+    try:
+        yield temporary
+        os.replace(temporary, path)
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def write(path: Path, content: str | bytes) -> Path:
+    """Writes a file, whole or not at all; makes its folder."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with replacing(path) as temporary:
+        temporary.write_bytes(content.encode() if isinstance(content, str) else content)
+    return path
+
+
+def write_json(path: Path, content: Mapping[str, Any]) -> Path:
+    """Writes JSON; what is not finite becomes null."""
+    return write(path, json.dumps(_finite(content), indent=2, ensure_ascii=False, allow_nan=False) + "\n")
+
+
+def _finite(value: Any) -> Any:
+    """The value in the types of JSON, which knows neither nan nor infinity."""
+    if isinstance(value, Mapping):
+        return {str(key): _finite(entry) for key, entry in value.items()}
+    if isinstance(value, list | tuple | np.ndarray):
+        return [_finite(entry) for entry in value]
+    if isinstance(value, np.generic):
+        value = value.item()
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def table_text(columns: Mapping[str, np.ndarray]) -> str:
+    """A CSV of columns (T,) by their labels, to nine digits."""
+    rows = np.column_stack([np.asarray(column, dtype=float) for column in columns.values()])
+    lines = (",".join("" if value != value else f"{value:.9g}" for value in row) for row in rows.tolist())
+    return "\n".join([",".join(columns), *lines, ""])
+
+
+def cradle_values(cradle: Cradle) -> dict[str, Any]:
+    """A cradle in SI units and in the paper's groups."""
+    fields = {name: getattr(cradle, name) for name in cradle.__dataclass_fields__ if name != "effects"}
+    effects = {name: dict(values) for name, values in cradle.effects.items()}
+    groups = {"alpha": cradle.alpha, "n": cradle.n, "beta": cradle.beta}
+    return {**fields, "effects": effects, "groups": groups}
+
+
+def release_values(release: Release) -> dict[str, Any]:
+    """A release, by its fields."""
+    angles = None if release.angles is None else {str(bob): angle for bob, angle in release.angles.items()}
+    return {"angle": release.angle, "bobs": release.bobs, "angles": angles, "start": release.start}
+
+
+def save_run(run: Trajectory, folder: Path, *, seed: int, inputs: str) -> dict[str, Any]:
+    """Writes trajectory.csv, impacts.csv, run.png and, last, summary.json, which it returns."""
+    from identification.plots import run_figure
+
+    assert isinstance(run.release, Release)
+    energy = run.energy()
+    pairs = run.cradle.bobs > 1
+    try:
+        sigma = run.sigma() if pairs else None
+    except ValueError:  # too sparse or too short for the envelopes
+        sigma = None
+    rate = None if sigma is None else run.newton_exponent()
+    whole = run.t[-1] - 0.5 * ENVELOPE_PERIODS * run.cradle.period  # the last whole envelope
+    summary = {
+        "format": "cradle-run/1",
+        "version": __version__,
+        "seed": seed,
+        "inputs": inputs,
+        "cradle": cradle_values(run.cradle),
+        "release": release_values(run.release) | {"gamma": run.release.gamma(run.cradle)},
+        "duration_s": float(run.t[-1]),
+        "lambda": None if rate is None else {"unit": "1/s", "value": rate, "window_s": [0.0, WINDOW[1]]},
+        "sigma_final": None if sigma is None else float(np.interp(whole, run.t, sigma)),
+        "impacts": len(run.impacts),
+        "energy_J": {
+            name: {"start": getattr(energy, name)[0], "end": getattr(energy, name)[-1]}
+            for name in ("kinetic", "gravity", "strings", "drag", "impacts", "total")
+        },
+    }
+    write(folder / "trajectory.csv", csv_text(run.t, run.theta, "theta"))
+    impacts = {"time [s]": "time", "pair": "pair", "speed [m/s]": "speed", "loss [J]": "loss"}
+    write(folder / "impacts.csv", table_text({label: run.impacts[name] for label, name in impacts.items()}))
+    write(folder / "run.png", png(run_figure(run)))
+    write_json(folder / "summary.json", summary)
+    return summary
+
+
+def save_calibration(posterior: Posterior, folder: Path, tell: Tell = lambda *_: None) -> dict[str, Any]:
+    """Writes posterior.nc, the pictures, report.html and, last, summary.json, which it returns."""
+    from identification import plots
+    from identification.report import calibration_html
+
+    folder.mkdir(parents=True, exist_ok=True)
+    summary = posterior.summary()
+    posterior.save(folder / "posterior.nc")
+    draw = {
+        "corner.png": plots.corner_figure,
+        "fit.png": plots.fit_figure,
+        "residuals.png": plots.residual_figure,
+        "lambda.png": plots.lambda_figure,
+    }
+    if posterior.experiment.cradle.bobs == 1:
+        del draw["lambda.png"]
+    pictures: dict[str, bytes] = {}
+    for name, figure in draw.items():
+        tell(len(pictures) / len(draw), name)
+        pictures[name] = png(figure(posterior))
+    for name, picture in pictures.items():
+        write(folder / name, picture)
+    write(folder / "report.html", calibration_html(posterior, summary, pictures))
+    write_json(folder / "summary.json", summary)
+    return summary
+
+
+def save_prediction(prediction: Prediction, folder: Path, *, posterior: Posterior, seed: int) -> dict[str, Any]:
+    """Writes prediction.csv, prediction.png and, last, prediction.json, which it returns."""
+    from identification.plots import prediction_figure
+
+    bands = prediction.sigma_bands()
+    end, angle = prediction.release.lead(prediction.cradle)
+    fit = posterior.summary()
+    content = {
+        "format": "cradle-prediction/1",
+        "version": __version__,
+        "seed": seed,
+        "inputs": posterior.experiment.digest,
+        "bobs": prediction.cradle.bobs,
+        "delta": prediction.cradle.delta,
+        "release": release_values(prediction.release) | {"lead_bob": end + 1, "lead_angle": angle},
+        "draws": len(prediction.newton_exponent),
+        "lambda": prediction.summary(),
+        "sigma_at_s": {
+            f"{t:g}": {"median": bands["median"][i], "ci68": bands["ci68"][:, i], "ci95": bands["ci95"][:, i]}
+            for t in (5.0, 10.0, 20.0, 30.0, 45.0)
+            if (i := int(np.searchsorted(prediction.t, t))) < len(prediction.t)
+        },
+        "calibration": {key: fit[key] for key in ("converged", "model_describes_data", "gap")},
+    }
+    columns = {"t [s]": prediction.t, "sigma_median": bands["median"]}
+    for name in ("ci68", "ci95"):
+        columns |= {f"sigma_{name}_low": bands[name][0], f"sigma_{name}_high": bands[name][1]}
+    write(folder / "prediction.csv", table_text(columns))
+    write(folder / "prediction.png", png(prediction_figure(prediction)))
+    write_json(folder / "prediction.json", content)
+    return content

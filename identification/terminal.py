@@ -1,0 +1,68 @@
+"""What is shown in a terminal: tables on stdout, and on stderr how far a long task is."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Iterable, Sequence
+
+#: Seconds between two lines of progress where there is no terminal to draw a bar on.
+_EVERY = 10.0
+
+
+def print_table(columns: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
+    """A table as wide as it needs to be: a pipe has no width, and a narrow terminal may wrap it."""
+    from rich.box import SIMPLE_HEAD
+    from rich.console import Console
+    from rich.table import Table
+
+    table = Table(box=SIMPLE_HEAD, pad_edge=False)
+    for column in columns:
+        table.add_column(column, no_wrap=True)
+    for row in rows:
+        table.add_row(*row)
+    Console(width=200, markup=False, highlight=False).print(table, soft_wrap=True)
+
+
+class Progress:
+    """A context in which `progress(stage, fraction, text)` may be called at will; fraction None: not known."""
+
+    def __enter__(self) -> Progress:
+        self._began = self._told = time.monotonic()
+        self._bars, self._tasks = None, {}
+        if sys.stderr.isatty():
+            from rich import progress
+            from rich.console import Console
+
+            self._bars = progress.Progress(
+                progress.TextColumn("{task.description:<8}"),
+                progress.BarColumn(24),
+                progress.TaskProgressColumn(),
+                progress.TimeElapsedColumn(),
+                progress.TimeRemainingColumn(),
+                progress.TextColumn("{task.fields[text]}", markup=False),
+                console=Console(stderr=True),
+                transient=True,
+            )
+            self._bars.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._bars is not None:
+            self._bars.stop()
+
+    def __call__(self, stage: str, fraction: float | None, text: str = "") -> None:
+        """Tells what is being done, how much of it is, and more in words, such as a rate."""
+        if self._bars is not None:
+            if stage not in self._tasks:
+                for earlier in self._tasks.values():
+                    self._bars.update(earlier, visible=False)
+                self._tasks[stage] = self._bars.add_task(stage, total=None, text=text)
+            total = None if fraction is None else 1.0
+            self._bars.update(self._tasks[stage], completed=fraction or 0.0, total=total, text=text)
+            return
+        now = time.monotonic()
+        if now - self._told >= _EVERY:
+            self._told = now
+            share = "" if fraction is None else f" {100.0 * fraction:.0f} %"
+            print(f"{stage}{share}: {text} ({now - self._began:.0f} s so far)", file=sys.stderr, flush=True)

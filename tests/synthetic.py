@@ -1,0 +1,52 @@
+"""Experiments simulated by the project itself, and posteriors made up around their truth: quick, for the face of it."""
+
+import numpy as np
+
+from cradle_env import Cradle, Release, simulate
+from identification.experiment import Experiment
+from identification.likelihood import Likelihood
+from identification.posterior import Convergence, Gap, Posterior
+from identification.runs import ReleaseInfo, Run
+
+#: Relative width of the made-up posterior, by unknown.
+WIDTHS = {"k_f": 1.5e-3, "kappa": 2e-4, "b": 3e-3}
+
+
+def simulated_run(
+    cradle: Cradle, angle: float = 0.228, duration: float = 20.0, noise: float = 1e-3, seed: int = 1, **fields
+) -> Run:
+    """One run of a cradle at 60 readings a second; fields as in Run."""
+    release = Release(angle=angle)
+    motion = simulate(cradle, release, duration, 60.0)
+    rng = np.random.default_rng(seed)
+    seen = motion.theta
+    if fields.get("quantity") == "x":
+        seen, noise = motion.r * np.sin(motion.theta), noise * cradle.length
+    fields = {"release": ReleaseInfo(release, angle_sd=1e-3), "noise": noise, "delta": cradle.delta} | fields
+    return Run(motion.t, seen + noise * rng.standard_normal(seen.shape), **fields)
+
+
+def made_up_posterior(
+    experiment: Experiment, *, steps: int = 60, walkers: int = 16, converged: bool = True, gap: Gap | None = None
+) -> Posterior:
+    """Two ensembles of independent Gaussian samples about what the experiment states."""
+    likelihood = Likelihood(experiment)
+    centre = likelihood.start()
+    width = [
+        u.sd * 0.2 if np.isfinite(u.sd) else WIDTHS.get(u.name, 1e-3) * (1.0 if u.log else abs(u.start) + 1e-3)
+        for u in likelihood.unknowns
+    ]
+    rng = np.random.default_rng(0)
+    z = rng.standard_normal((2, steps, walkers, len(centre)))
+    z[0, 0, 0] = 0.0
+    rates = 0.06 + 2e-5 * (z[..., 0] + 0.3 * rng.standard_normal(z.shape[:3]))
+    reasons = () if converged else ("R̂ = 1.0700, wanted below 1.01", "ESS = 120, wanted at least 400")
+    return Posterior(
+        likelihood,
+        centre + np.array(width) * z,
+        -0.5 * np.sum(z**2, axis=-1),
+        rates if likelihood.lambda_rides_along else None,
+        Convergence(converged, 1.004 if converged else 1.07, 812.0 if converged else 120.0, 31.0, steps, 20, reasons),
+        gap or Gap(1.004, 1.013, {"train": np.full(1 + experiment.cradle.bobs, 1e-3)}),
+        seed=3,
+    )

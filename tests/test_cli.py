@@ -1,0 +1,275 @@
+"""The command line: what it writes, how it ends, and what it says when it refuses."""
+
+import json
+import signal
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from cradle_env import Cradle
+from identification import cli
+from identification.experiment import Experiment
+from identification.posterior import Posterior
+from tests.synthetic import made_up_posterior, simulated_run
+
+PNG_END = b"IEND\xaeB`\x82"
+
+
+def run(*arguments) -> int:
+    return cli.main([str(argument) for argument in arguments])
+
+
+def refusal(capsys) -> str:
+    """The one line on stderr."""
+    captured = capsys.readouterr()
+    assert captured.err.count("\n") == 1 and captured.err.endswith("\n"), captured.err
+    assert "Traceback" not in captured.err
+    return captured.err
+
+
+@pytest.fixture(scope="module")
+def pair() -> Experiment:
+    cradle = Cradle(bobs=2)
+    return Experiment(cradle, (simulated_run(cradle, duration=6.0),))
+
+
+@pytest.fixture(scope="module")
+def calibrated(pair, tmp_path_factory):
+    """A folder as `cradle calibrate` leaves it, the posterior made up."""
+    folder = tmp_path_factory.mktemp("calibrated")
+    made_up_posterior(pair).save(folder / "posterior.nc")
+    return folder
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        ([], "Missing command"),
+        (["simulat"], "simulate"),
+        (["simulate"], "--out"),
+        (["simulate", "--out", "o", "--delt", "0"], "did you mean --delta?"),
+        (["simulate", "--out", "o", "--duration", "long"], "--duration"),
+        (["simulate", "--out", "o", "--duration", "0"], "duration is 0 s"),
+        (["simulate", "--out", "o", "--duration", "nan"], "duration is nan"),
+        (["simulate", "--out", "o", "--sample-rate", "-5"], "sample_rate is -5"),
+        (["simulate", "--out", "o", "--bobs", "0"], "bobs is 0"),
+        (["simulate", "--out", "o", "--bobs", "2.5"], "--bobs"),
+        (["simulate", "--out", "o", "--delta", "-1"], "delta is -1"),
+        (["simulate", "--out", "o", "--delta", "0,zero"], "'zero', which is not a number"),
+        (["simulate", "--out", "o", "--delta", "0,0.1"], "delta has 2 values"),
+        (["simulate", "--out", "o", "--release-angle", "1.6"], "1.5 rad"),
+        (["simulate", "--out", "o", "--lifted", "6"], "lifts 6 bobs"),
+        (["simulate", "--out", "o", "--start", "up"], "'up'"),
+        (["simulate", "--out", "o", "--model", "nps"], "did you mean 'nsp'?"),
+        (["simulate", "--out", "o", "--beta", "0.1", "--kappa", "200"], "both beta and kappa"),
+        (["simulate", "--out", "o", "--effect", "quadratic_dra.c2=1"], "did you mean 'quadratic_drag'?"),
+        (["simulate", "--out", "o", "--effect", "quadratic_drag.c3=1"], "did you mean 'c2'?"),
+        (["simulate", "--out", "o", "--effect", "quadratic_drag=1"], "NAME.KEY=VALUE"),
+        (["simulate", "--out", "o", "--effect", "quadratic_drag.c2=two"], "'two', which is not a number"),
+        (["simulate", "--out", "o", "--effect", "quadratic_drag.c2=-1"], "c2"),
+        (["simulate", "--out", "o", "--set", "lenght=1"], "did you mean 'length'?"),
+        (["simulate", "--out", "o", "--set", "mass=0"], "mass is 0 kg"),
+        (["simulate", "--out", "o", "--set", "mass"], "FIELD=VALUE"),
+        (["simulate", "--out", "o", "--experiment", "--noise", "-1"], "noise is -1"),
+        (["simulate", "--out", "o", "--from", "none.toml"], "none.toml: no such file"),
+        (["simulate", "--out", "file.txt"], "file.txt"),
+        (["new", "none.csv", "--out", "new.toml"], "none.csv: no such file"),
+        (["new", "file.txt", "--out", "new.toml"], "file.txt"),
+        (["calibrate", "none.toml", "--out", "o"], "none.toml: no such file"),
+        (["calibrate", ".", "--out", "o"], "is a folder"),
+        (["calibrate", "file.txt", "--out", "o"], "not valid TOML"),
+        (["calibrate", "experiment.toml", "--out", "file.txt"], "file.txt"),
+        (["calibrate", "experiment.toml", "--out", "o", "--steps", "3"], "steps is 3"),
+        (["calibrate", "experiment.toml", "--out", "o", "--workers", "0"], "--workers"),
+        (["predict", ".", "--out", "o"], "posterior.nc"),
+        (["predict", "none", "--out", "o"], "no posterior there"),
+        (["predict", "file.txt", "--out", "o"], "not a posterior"),
+        (["bench", "--duration", "0"], "--duration"),
+    ],
+    ids=lambda value: " ".join(value) if isinstance(value, list) else "",
+)
+def test_unusable_input_is_refused_in_one_line(arguments, said, pair, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "file.txt").write_text("no table, no file of ours\n")
+    pair.save(tmp_path)
+    before = sorted(path.name for path in tmp_path.iterdir())
+    assert run(*arguments) == 2
+    assert said in refusal(capsys)
+    assert sorted(path.name for path in tmp_path.iterdir() if any(path.glob("*")) or path.is_file()) == before
+
+
+@pytest.mark.parametrize("setting", [["--delta", "-1.5"], ["--bobs", "1"], ["--release-angle", "2"]])
+def test_predict_refuses_impossible_settings(setting, calibrated, tmp_path, capsys):
+    assert run("predict", calibrated, "--out", tmp_path / "o", "--draws", 2, *setting) == 2
+    refusal(capsys)
+
+
+@pytest.mark.parametrize("command", ["", "new", "simulate", "calibrate", "predict", "bench"])
+def test_help(command, capsys):
+    assert run(*command.split(), "--help") == 0
+    assert "Usage" in capsys.readouterr().out
+
+
+def test_as_a_module():
+    done = subprocess.run([sys.executable, "-m", "identification", "simulat"], capture_output=True, text=True)
+    assert (done.returncode, done.stdout) == (2, "")
+    assert done.stderr == "cradle: No such command 'simulat'. Did you mean 'simulate'? See cradle --help.\n"
+
+
+def test_simulate_writes_all_of_it(tmp_path, capsys):
+    assert run("simulate", "--bobs", 3, "--delta", "0,0.001", "--duration", 5, "--out", tmp_path) == 0
+    assert sorted(path.name for path in tmp_path.iterdir()) == [
+        "impacts.csv",
+        "run.png",
+        "summary.json",
+        "trajectory.csv",
+    ]
+    assert "λ" in capsys.readouterr().out
+    summary = json.loads((tmp_path / "summary.json").read_text())
+    assert {"format", "version", "seed", "inputs", "cradle", "release", "lambda", "energy_J"} <= summary.keys()
+    assert summary["cradle"]["delta"] == [0.0, 0.001]
+    assert (tmp_path / "trajectory.csv").read_text().startswith("t [s],theta_1 [rad],theta_2 [rad],theta_3 [rad]\n0.0,")
+    assert (tmp_path / "impacts.csv").read_text().startswith("time [s],pair,speed [m/s],loss [J]\n")
+    assert (tmp_path / "run.png").read_bytes().endswith(PNG_END)
+
+
+@pytest.mark.parametrize("arguments", [["--bobs", "1"], ["--duration", "0.5"], ["--sample-rate", "5"], ["--bobs", "9"]])
+def test_simulate_where_sigma_is_not_defined_or_bobs_are_many(arguments, tmp_path):
+    arguments = arguments if "--duration" in arguments else [*arguments, "--duration", "3"]
+    assert run("simulate", *arguments, "--out", tmp_path) == 0
+    json.loads((tmp_path / "summary.json").read_text())
+
+
+def test_simulate_makes_an_experiment_and_reads_one(tmp_path):
+    first, second = tmp_path / "first", tmp_path / "second"
+    simulated = ["--bobs", 2, "--duration", 3, "--sample-rate", 60, "--effect", "angle_offset.offset=0.01"]
+    assert run("simulate", *simulated, "--experiment", "--noise", 0.002, "--seed", 5, "--out", first) == 0
+    experiment = Experiment.load(first / "experiment.toml")
+    residual = experiment.runs[0].readings - np.loadtxt(first / "trajectory.csv", delimiter=",", skiprows=1)[:, 1:]
+    assert residual.mean() == pytest.approx(0.01, abs=5e-4)
+    assert residual.std() == pytest.approx(0.002, rel=0.1)
+    source = ["--from", first / "experiment.toml", "--duration", 1]
+    assert run("simulate", *source, "--b", 0.003, "--lifted", 2, "--out", second) == 0
+    summary = json.loads((second / "summary.json").read_text())
+    assert (summary["cradle"]["bobs"], summary["cradle"]["b"], summary["release"]["bobs"]) == (2, 0.003, 2)
+    assert summary["cradle"]["effects"] == {"angle_offset": {"offset": 0.01}}
+
+
+def test_effects_are_taken_out_and_beta_is_of_the_lengths_set(tmp_path):
+    settings = ["--effect=-string_hysteresis", "--set", "length=0.2", "--duration", 1]
+    assert run("simulate", *settings, "--out", tmp_path) == 0
+    cradle = json.loads((tmp_path / "summary.json").read_text())["cradle"]
+    assert "-string_hysteresis" in cradle["effects"]
+    assert cradle["groups"]["beta"] == pytest.approx(0.114)
+
+
+def test_new_writes_an_experiment_and_does_not_overwrite_it(pair, tmp_path, capsys):
+    pair.save(tmp_path)
+    (tmp_path / "experiment.toml").unlink()
+    assert run("new", tmp_path / "run1.csv") == 0
+    assert Experiment.load(tmp_path / "experiment.toml").cradle.bobs == 2
+    assert run("new", tmp_path / "run1.csv") == 2
+    assert run("new", tmp_path / "run1.csv", "--overwrite") == 0
+
+
+def test_calibrate_from_end_to_end_with_one_bob(tmp_path, capsys):
+    """An unconverged chain is kept, with status 1 and the reason; the same command goes on to the asked total."""
+    cradle = Cradle(bobs=1, model="pendulum")
+    path = Experiment(cradle, (simulated_run(cradle, duration=8.0),)).save(tmp_path)
+    out = tmp_path / "out"
+    assert run("calibrate", path, "--out", out, "--steps", 50) == 1
+    assert "have not converged" in capsys.readouterr().err
+    names = {"chain.h5", "corner.png", "fit.png", "posterior.nc", "report.html", "residuals.png", "summary.json"}
+    assert {path.name for path in out.iterdir()} == names
+    summary = json.loads((out / "summary.json").read_text())
+    assert (summary["converged"], summary["steps"], summary["lambda"]) == (False, 50, None)
+    assert run("calibrate", path, "--out", out, "--steps", 60) == 1
+    assert json.loads((out / "summary.json").read_text())["steps"] == 60
+    assert run("calibrate", path, "--out", out) == 0
+    assert "have converged" in capsys.readouterr().out
+    assert list(json.loads((out / "summary.json").read_text())["parameters"]) == ["b"]
+
+
+@pytest.mark.parametrize("converged", [True, False])
+def test_calibrate_ends_as_the_chains_do(converged, pair, tmp_path, monkeypatch, capsys):
+    from identification import calibration
+
+    posterior = made_up_posterior(pair, converged=converged)
+    monkeypatch.setattr(calibration, "calibrate", lambda *_, **__: posterior)
+    path = pair.save(tmp_path)
+    assert run("calibrate", path, "--out", tmp_path / "out") == (0 if converged else 1)
+    captured = capsys.readouterr()
+    assert ("R̂ = 1.0700, wanted below 1.01; ESS = 120" in captured.err) is not converged
+    assert (tmp_path / "out" / "lambda.png").read_bytes().endswith(PNG_END)
+    assert f"report: {tmp_path / 'out' / 'report.html'}" in captured.out
+
+
+def test_an_interrupted_calibration_says_how_to_go_on(pair, tmp_path, monkeypatch, capsys):
+    from identification import calibration
+
+    def interrupted(*_, **__):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(calibration, "calibrate", interrupted)
+    assert run("calibrate", pair.save(tmp_path), "--out", tmp_path / "out") == 130
+    said = refusal(capsys)
+    assert "chain.h5" in said and "the same command goes on" in said
+
+
+def test_predict(calibrated, tmp_path, capsys):
+    settings = ["--delta", 0.001, "--release-angle", 0.1, "--bobs", 3, "--draws", 5]
+    assert run("predict", calibrated, "--out", tmp_path, *settings) == 0
+    assert "σ(30 s)" in capsys.readouterr().out
+    content = json.loads((tmp_path / "prediction.json").read_text())
+    assert (content["bobs"], content["delta"], content["draws"]) == (3, 0.001, 5)
+    assert {"unit", "mean", "sd", "median", "ci68", "ci95", "window_s"} <= content["lambda"].keys()
+    bands = np.loadtxt(tmp_path / "prediction.csv", delimiter=",", skiprows=1)
+    assert np.all(bands[:, 4] <= bands[:, 1]) and np.all(bands[:, 1] <= bands[:, 5])
+    assert (tmp_path / "prediction.png").read_bytes().endswith(PNG_END)
+
+
+def test_prediction_follows_its_seed(calibrated):
+    posterior = Posterior.load(calibrated / "posterior.nc")
+    np.testing.assert_array_equal(posterior.draws(5), posterior.draws(5))
+
+
+KILLED = """
+import os, signal, sys
+from pathlib import Path
+from identification.results import replacing
+with replacing(Path(sys.argv[1])) as temporary:
+    temporary.write_text("half of")
+    os.kill(os.getpid(), signal.SIGKILL)
+"""
+
+
+def test_a_kill_halfway_leaves_nothing_half_written(tmp_path):
+    target = tmp_path / "summary.json"
+    for before in (None, "whole"):
+        if before is not None:
+            target.write_text(before)
+        done = subprocess.run([sys.executable, "-c", KILLED, target], check=False)
+        assert done.returncode == -signal.SIGKILL
+        assert (target.read_text() if target.exists() else None) == before
+
+
+def test_a_reader_that_goes_away_is_no_error():
+    command = f"'{sys.executable}' -m identification simulate --help | true"
+    done = subprocess.run(["bash", "-c", command], capture_output=True, text=True)
+    assert done.stderr == ""
+
+
+def test_bench(tmp_path, monkeypatch, capsys):
+    from identification.bench import run as bench
+
+    monkeypatch.setattr(bench, "first_calls", lambda: {"first call": 9.0, "first call, cached": 0.5})
+    assert run("bench", "--duration", 1, "--out", tmp_path) == 0
+    assert "SciPy DOP853" in capsys.readouterr().out
+    content = json.loads((tmp_path / "bench.json").read_text())
+    assert [row["bobs"] for row in content["races"]] == [2, 2, 2, 5, 5, 5]
+    for row in content["races"]:
+        assert row["error"] < 1e-6
+        assert row["ratio"] > 20.0 or "SciPy" in row["integrator"]
+    assert content["import_ratio"] < 2.0

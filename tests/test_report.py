@@ -1,0 +1,128 @@
+"""The report and the pictures: drawn for any experiment, and saying first whether to trust them."""
+
+import html.parser
+import json
+import re
+
+import numpy as np
+import pytest
+
+from cradle_env import Cradle
+from identification import plots, results
+from identification.experiment import Experiment
+from identification.posterior import Gap, Posterior
+from identification.style import png
+from identification.wording import Rounding, markup, mathtext, shown, unit_markup, unit_plain
+from tests.synthetic import made_up_posterior, simulated_run
+
+
+def experiment(kind: str) -> Experiment:
+    if kind == "two bobs, some held out":
+        cradle = Cradle(bobs=2)
+        return Experiment(cradle, (simulated_run(cradle, duration=8.0, fit_to=5.0),))
+    if kind == "one bob":
+        cradle = Cradle(bobs=1, model="pendulum")
+        return Experiment(cradle, (simulated_run(cradle, duration=8.0),))
+    if kind == "three bobs in mm, one unseen, two runs":
+        cradle = Cradle(bobs=3)
+        first = simulated_run(cradle, duration=6.0, quantity="x", unit="mm", scale=1e-3, file="a.csv", rest="free")
+        first.readings[:, 1] = np.nan
+        return Experiment(cradle, (first, simulated_run(cradle, duration=6.0, file="b.csv")))
+    cradle = Cradle(bobs=2)
+    return Experiment(cradle, (simulated_run(cradle, duration=8.0, state="free", fit_from=2.0, noise=1e-3),))
+
+
+KINDS = ("two bobs, some held out", "one bob", "three bobs in mm, one unseen, two runs", "free initial state")
+
+
+class Page(html.parser.HTMLParser):
+    """Tags opened and closed, images and their texts."""
+
+    def __init__(self, text: str):
+        super().__init__()
+        self.open, self.images, self.links = [], [], []
+        self.feed(text)
+
+    def handle_starttag(self, tag, attrs):
+        attributes = dict(attrs)
+        if tag == "img":
+            self.images.append(attributes)
+        if tag not in ("img", "meta", "br", "link"):
+            self.open.append(tag)
+        self.links += [value for key, value in attrs if key in ("href", "src") and not value.startswith("data:")]
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_pictures_and_report_of_any_experiment(kind, tmp_path, monkeypatch):
+    monkeypatch.setattr(Posterior.newton_exponent, "__defaults__", (20,))  # draws for a λ that did not come along
+    posterior = made_up_posterior(experiment(kind), steps=20)
+    summary = results.save_calibration(posterior, tmp_path)
+    page = Page((tmp_path / "report.html").read_text(encoding="utf-8"))
+    assert page.open == [] and page.links == []
+    assert len(page.images) == (3 if kind == "one bob" else 4)
+    assert all(image["alt"] and image["src"].startswith("data:image/png;base64,") for image in page.images)
+    assert json.loads((tmp_path / "summary.json").read_text())["format"] == summary["format"] == "cradle-posterior/1"
+    assert not [path for path in tmp_path.iterdir() if path.name.endswith(".part")]
+
+
+@pytest.mark.parametrize(("gap", "converged"), [(1.02, True), (3.1, True), (1.02, False), (3.1, False)])
+def test_the_report_says_first_whether_to_trust_it(gap, converged, tmp_path):
+    posterior = made_up_posterior(experiment("one bob"), converged=converged, gap=Gap(1.0, gap))
+    results.save_calibration(posterior, tmp_path)
+    text = (tmp_path / "report.html").read_text(encoding="utf-8")
+    words = re.sub(r"<style>.*?</style>|<[^>]+>", " ", text, flags=re.DOTALL)
+    first = words[: words.index("Parameters")]
+    assert ("The chains have not converged" in first) is not converged
+    assert ("The model does not describe these data" in first) is (gap > 2.0)
+    assert ("The intervals must not be trusted" in first) is (gap > 2.0)
+    assert ("R̂ = 1.0700, wanted below 1.01" in first) is not converged
+
+
+def test_pictures_are_the_same_each_time_and_leave_matplotlib_alone():
+    import matplotlib
+
+    before = dict(matplotlib.rcParams)
+    posterior = made_up_posterior(experiment("one bob"))
+    assert png(plots.residual_figure(posterior)) == png(plots.residual_figure(posterior))
+    assert dict(matplotlib.rcParams) == before
+
+
+def test_json_knows_no_nan(tmp_path):
+    path = results.write_json(
+        tmp_path / "deep" / "a.json", {"a": np.nan, "b": [np.float64(1.5), np.inf], "c": np.int64(2)}
+    )
+    assert json.loads(path.read_text()) == {"a": None, "b": [1.5, None], "c": 2}
+
+
+@pytest.mark.parametrize(
+    ("value", "sd", "text", "exponent"),
+    [
+        (18012.34, 23.4, "18012", 0),
+        (196.6098, 0.0123, "196.610", 0),
+        (0.0020131, 4.1e-6, "2.0131", -3),
+        (2.0e11, 3.0e9, "200.0", 9),
+        (-3.2e-4, 1.0e-4, "−320", -6),
+        (0.0, 0.0, "0.0000", 0),
+        (0.0597, 9.97e-5, "0.05970", 0),
+    ],
+)
+def test_numbers_are_rounded_to_their_uncertainty(value, sd, text, exponent):
+    rounding = Rounding.of(value, sd)
+    assert (rounding.text(value), rounding.exponent) == (text, exponent)
+
+
+def test_missing_numbers_are_dashes():
+    assert shown({"median": None, "sd": None, "ci68": [None, None], "ci95": [None, None]})["median"] == "–"
+
+
+def test_symbols_and_units():
+    assert mathtext("k_f") == r"$k_{\mathrm{f}}$"
+    assert mathtext("c₂") == r"$c_{\mathrm{2}}$"
+    assert markup("τ_c") == "<i>τ</i><sub>c</sub>"
+    assert markup("<b>") == "<i>&lt;b&gt;</i>"
+    assert unit_markup("N s m^-3/2") == "N s m<sup>−3/2</sup>"
+    assert unit_markup("1") == ""
+    assert unit_plain("kg/s", -3) == "10⁻³ kg/s"

@@ -1,0 +1,146 @@
+"""Whole experiments: those at hand, saved and read again, made from arrays, and the scaffold for a data file."""
+
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cradle_env.cradle import Cradle, Release
+from identification.experiment import Experiment, ExperimentError, Prior, ReleaseInfo, Run
+from identification.files import write_together
+from identification.scaffold import scaffold
+
+DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
+
+
+def test_the_experiments_at_hand_load():
+    found = sorted(DATA.glob("**/experiment.toml"))
+    if not found:
+        pytest.skip(f"no data in {DATA}")
+    for path in found:
+        experiment = Experiment.load(path)
+        assert experiment.runs[0].fitted.any()
+        assert experiment.path == path
+    pendulum = Experiment.load(DATA / "real-pendulum" / "experiment.toml")
+    assert pendulum.runs[0].release is None
+    assert pendulum.infer == {"length": Prior(low=0.05, high=1.0)}
+    balls = Experiment.load(DATA / "real-cradle-5" / "experiment.toml")
+    (run,) = balls.runs
+    assert (run.quantity, run.state, run.rest, run.fit_from, run.fit_to) == ("x", "free", "free", 1.2, 12.0)
+    assert not (run.fitted & run.held_out).any()
+    assert balls.cradle.effects["exposure_blur"] == {"duration": 0.0417}
+    assert balls.unknown_effect_parameters == ()
+
+
+def two_runs():
+    t, rng = np.linspace(0.0, 1.0, 30), np.random.default_rng(1)
+    readings = 0.1 * rng.standard_normal((30, 2))
+    readings[3:7, 1] = np.nan
+    effects = {"quadratic_drag": {"c2": 1e-3}, "pivot_friction": {"tau_c": 0.1}}
+    return Experiment(
+        Cradle(bobs=2, delta=(1e-3,), model="ho", effects=effects),
+        (
+            Run(t, readings, release=ReleaseInfo(Release(angles={1: -0.1, 2: 0.2}, start="hanging"), 1e-3, 0.01)),
+            Run(t + 5.0, readings / 3.0, "x", unit="m", delta=0.02, noise=1e-4, fit_from=5.1, fit_to=5.5, state="free",
+                rest="free", file="run2.csv"),
+        ),
+        {"length": Prior(mean=0.3, sd=0.01), "pivot_friction.tau_c": Prior(low=0.0, high=1.0)},
+        ("pivot_friction.tau_c",),
+    )  # fmt: skip
+
+
+def test_what_is_saved_loads_the_same(tmp_path):
+    made = two_runs()
+    path = made.save(tmp_path / "new")
+    assert sorted(file.name for file in path.parent.iterdir()) == ["experiment.toml", "run1.csv", "run2.csv"]
+    read = Experiment.load(path)
+    assert read.digest == made.digest
+    assert dict(read.infer) == dict(made.infer)
+    assert read.unknown_effect_parameters == made.unknown_effect_parameters
+    assert read.cradle.replace(effects={}) == made.cradle.replace(effects={})
+    assert read.cradle.effects["quadratic_drag"] == made.cradle.effects["quadratic_drag"]
+    for a, b in zip(read.runs, made.runs, strict=True):
+        for name in ("times", "readings"):
+            assert np.array_equal(getattr(a, name), getattr(b, name), equal_nan=True)
+        for name in ("quantity", "release", "delta", "noise", "fit_from", "fit_to", "state", "rest", "file", "unit"):
+            assert getattr(a, name) == getattr(b, name), name
+
+
+def test_the_digest_follows_the_data():
+    made = two_runs()
+    assert made.digest == two_runs().digest
+    moved = dataclasses.replace(made.runs[1], readings=made.runs[1].readings + 1e-9)
+    assert Experiment(made.cradle, (made.runs[0], moved), made.infer).digest != made.digest
+
+
+def test_from_arrays_and_what_python_cannot_state():
+    t, readings = np.arange(3.0), np.zeros((3, 2))
+    experiment = Experiment.from_arrays(Cradle(bobs=2), t, readings, Release(angle=0.1), noise=1e-3)
+    assert experiment.runs[0].delta == 0.0
+    assert experiment.cradle_of(experiment.runs[0]) == Cradle(bobs=2)
+    for wrong, match in (
+        ({"readings": np.zeros((2, 2))}, "do not match"),
+        ({"readings": np.zeros((3, 1))}, "cradle has 2 bobs"),
+        ({"times": t[::-1]}, "later than the one before"),
+        ({"readings": np.full((3, 2), np.inf)}, "infinite"),
+        ({"readings": np.full((3, 2), np.nan)}, "no usable rows"),
+        ({"release": Release(angle=0.1, bobs=3)}, "lifts 3 bobs"),
+        ({"quantity": "phi"}, "'theta' or 'x'"),
+    ):
+        stated = {"times": t, "readings": readings, "release": Release(angle=0.1), **wrong}
+        with pytest.raises(ValueError, match=match):
+            Experiment.from_arrays(Cradle(bobs=2), **stated)
+    with pytest.raises(ValueError, match="at least one run"):
+        Experiment(Cradle(), ())
+    with pytest.raises(ValueError, match="run 2 would overwrite"):
+        Experiment(Cradle(bobs=2), (*experiment.runs, Run(t + 1.0, readings, state="free")))
+
+
+def test_nothing_is_half_written(tmp_path):
+    (tmp_path / "b").mkdir()
+    with pytest.raises(OSError):
+        write_together(tmp_path, {"a": "new", "b": "a folder is in the way"})
+    assert not [file for file in tmp_path.iterdir() if file.name.startswith(".")]
+
+
+@pytest.mark.parametrize(
+    ("csv", "bobs", "base", "release"),
+    [("t,theta_1,theta_2,theta_3\n0,0,0,0.2\n1,0.1,0.1,0.1\n", 3, "nsp", Release(angle=0.2)),
+     ("t,theta_1 [deg],theta_2 [deg],theta_3 [deg]\n0,0,9,9\n1,4,4,4\n", 3, "nsp", Release(angle=0.1571, bobs=2)),
+     ("t,theta_1,theta_2\n0,-0.2,0.0\n1,0.1,0.1\n", 2, "nsp", Release(angles={1: -0.2})),
+     ("t,theta_1\n0,1.6\n1,0.1\n", 1, "pendulum", Release(angle=1.6)),
+     ("t,theta_1,theta_2\n0,0.0,0.0\n1,0.1,0.1\n", 2, "nsp", None),
+     ("t,theta_1,theta_2\n3,0.2,0.0\n4,0.1,0.1\n", 2, "nsp", None),
+     ("t,x_2 [mm]\n0,60\n1,-50\n", 2, "nsp", Release(angle=0.2014)),
+     ("t,x_2\n0,1\n1,-1\n", 2, "nsp", Release(angle=0.7297)),
+     ("mass_A\nt\tx\ty\n0.0\t0.02\t-0.3\n0.1\t0.01\t-0.3\n", 1, "pendulum", Release(angle=0.01667))],
+    ids=["last bob", "two bobs", "first bob", "rod", "at rest", "later", "mm", "long", "tracker"],
+)  # fmt: skip
+def test_a_scaffold_loads_at_once(tmp_path, csv, bobs, base, release):
+    data = tmp_path / "data.csv"
+    data.write_text(csv, encoding="utf-8")
+    path = scaffold(data)
+    assert path == tmp_path / "experiment.toml"
+    experiment = Experiment.load(path)
+    (run,) = experiment.runs
+    assert (experiment.cradle.bobs, experiment.cradle.model) == (bobs, base)
+    assert (run.release and run.release.release) == release
+    assert run.state == ("free" if release is None else "release")
+    entries = [line for line in path.read_text(encoding="utf-8").splitlines() if "=" in line.partition("#")[0]]
+    assert all("#" in line for line in entries if not line.startswith(("format", "file")))
+
+
+def test_a_scaffold_overwrites_only_when_told(tmp_path):
+    data = tmp_path / "data.csv"
+    data.write_text("t,theta_1,theta_2\n0,0,0.2\n1,0.1,0.1\n", encoding="utf-8")
+    path = scaffold(data, tmp_path / "sub" / "mine.toml")
+    assert Experiment.load(path).runs[0].file == "../data.csv"
+    with pytest.raises(ExperimentError, match="exists already"):
+        scaffold(data, path)
+    assert scaffold(data, path, overwrite=True) == path
+    written = path.read_text(encoding="utf-8")
+    data.write_text("t,x_2\n0,10\n1,-1\n", encoding="utf-8")
+    with pytest.raises(ExperimentError, match=r"x_2 \[mm\]"):
+        scaffold(data, path, overwrite=True)
+    assert path.read_text(encoding="utf-8") == written
