@@ -71,9 +71,8 @@ def simulate_batch(
     if len(many) != len(starts):
         raise ValueError(f"{len(many)} cradles and {len(starts)} releases; give as many, or one of either")
     wanted = _times(duration, sample_rate) if times is None else _checked_times(times)
-    return in_threads(
-        lambda pair: _run(*pair, wanted, ledger, step_factor), list(zip(many, starts, strict=True)), workers
-    )
+    pairs = list(zip(many, starts, strict=True))
+    return in_threads(lambda pair: _run(pair[0], pair[1], wanted, ledger, step_factor), pairs, workers)
 
 
 def in_threads(function: Callable, items: Sequence, workers: int | None = None) -> list:
@@ -150,7 +149,8 @@ def prepare(cradle: Cradle, release: Release | InitialState, step_factor: float 
                 f"bobs overlap by {overlap:.2g} m at the release; lift the end bobs further, or increase delta"
             )
     else:
-        start.moving(c[0], bobs, *_initial_arrays(cradle, release), S, W)
+        theta, theta_dot, r, r_dot, ratio = _initial_arrays(cradle, release)
+        start.moving(c[0], bobs, theta, theta_dot, r, r_dot, ratio, S, W)
     return c, bobs, S, W
 
 

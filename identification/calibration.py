@@ -14,7 +14,7 @@ from identification.experiment import Experiment
 from identification.fit import Progress, find_mode, refit, training_rows
 from identification.likelihood import Likelihood, rms
 from identification.posterior import Gap, Posterior
-from identification.sample import Checkpoint, Chains, sample
+from identification.sample import Chains, Checkpoint, sample
 
 
 def calibrate(

@@ -145,7 +145,7 @@ def _steps(likelihood: Likelihood) -> np.ndarray:
 
 def _jacobian(likelihood: Likelihood, point: np.ndarray, base: np.ndarray) -> np.ndarray:
     """Derivatives of the residuals (R, D), by one-sided differences that stay within the bounds."""
-    low, high = _bounds(likelihood)
+    high = _bounds(likelihood)[1]
     steps = np.where(point + _steps(likelihood) > high, -_steps(likelihood), _steps(likelihood))
     moved = point + np.diag(steps)
     columns = in_threads(lambda z: _safe_residuals(likelihood, z, len(base)), list(moved), likelihood.workers)
@@ -168,9 +168,15 @@ def _refine(likelihood: Likelihood, point: np.ndarray, evaluations: int) -> tupl
         return _jacobian(likelihood, z, base)
 
     found = least_squares(
-        residuals, inside, jacobian, (low - 1e-12, high + 1e-12), x_scale=np.maximum(_steps(likelihood), 1e-12), max_nfev=evaluations,
-        xtol=1e-10, ftol=1e-10,
-    )  # fmt: skip
+        residuals,
+        inside,
+        jacobian,  # type: ignore[arg-type]  # a function, which SciPy's stubs do not know of
+        (low - 1e-12, high + 1e-12),
+        x_scale=_steps(likelihood),
+        max_nfev=evaluations,
+        xtol=1e-10,
+        ftol=1e-10,
+    )
     return found.x, 2.0 * float(found.cost)
 
 
@@ -210,7 +216,7 @@ def training_rows(experiment: Experiment) -> tuple[list[np.ndarray], list[np.nda
     if len(runs) > 1:
         train = [run.fitted for run in runs[:-1]] + [np.zeros_like(runs[-1].fitted)]
         return train, [np.zeros_like(run.fitted) for run in runs[:-1]] + [runs[-1].fitted]
-    run = runs[0]
+    (run,) = runs
     seen = run.times[run.fitted]
     split = seen[0] + 2.0 / 3.0 * (seen[-1] - seen[0])
     return [run.fitted & (run.times <= split)], [run.fitted & (run.times > split)]

@@ -82,14 +82,7 @@ class Likelihood:
         if run.state == "release":
             assert run.release is not None
             error = values.get("release_angle_error" + at, 0.0)
-            release = run.release.release
-            if error != 0.0 and release.angles is None:
-                release = dataclasses.replace(release, angle=release.angle + error)
-            elif error != 0.0:
-                release = dataclasses.replace(
-                    release, angles={i: a + math.copysign(error, a) for i, a in release.angles.items()}
-                )
-            return release, values.get("release_time_error" + at, 0.0)
+            return _lifted_further(run.release.release, error), values.get("release_time_error" + at, 0.0)
         bobs = range(1, self.experiment.cradle.bobs + 1)
 
         def each(name: str) -> np.ndarray | None:
@@ -174,6 +167,16 @@ class Likelihood:
             (u.value(z) - u.mean) / u.sd for u, z in zip(self.unknowns, point, strict=True) if not math.isnan(u.sd)
         ]
         return np.concatenate([*parts, np.array(prior)])
+
+
+def _lifted_further(release: Release, error: float) -> Release:
+    """The release with every angle larger in magnitude by `error` [rad]."""
+    if error == 0.0:
+        return release
+    if release.angles is not None:
+        return dataclasses.replace(release, angles={i: a + math.copysign(error, a) for i, a in release.angles.items()})
+    assert release.angle is not None
+    return dataclasses.replace(release, angle=release.angle + math.copysign(error, release.angle))
 
 
 def rms(values: np.ndarray) -> float:

@@ -159,9 +159,7 @@ class Posterior:
             cradles.append(cradle.replace(**fields))
         if cradles[0].bobs == 1:
             raise ValueError("one bob has nothing to synchronize with; predict for 2 bobs or more")
-        runs = simulate_batch(
-            cradles, release, duration, sample_rate, step_factor=1.5, workers=self.likelihood.workers
-        )
+        runs = simulate_batch(cradles, release, duration, sample_rate, step_factor=1.5, workers=self.likelihood.workers)
         return Prediction(
             cradles[0],
             release,

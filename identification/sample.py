@@ -8,6 +8,7 @@ import shutil
 import time
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import emcee
 import h5py
@@ -74,7 +75,7 @@ class Checkpoint:
         if not self.path.exists():
             return False
         try:
-            with h5py.File(self.path, "r") as file:
+            with _open(self.path, "r") as file:
                 digest, names = file.attrs["inputs"], list(file.attrs["names"])
         except (OSError, KeyError) as problem:
             raise ExperimentError(f"{self.path}: not a chain that can be resumed ({problem}); remove it") from None
@@ -87,7 +88,7 @@ class Checkpoint:
     def begin(self, mode: Mode) -> None:
         """A file without steps, with the mode from which sampling starts."""
         part = self._part()
-        with h5py.File(part, "w") as file:
+        with _open(part, "w") as file:
             file.attrs["inputs"] = self.likelihood.experiment.digest
             file.attrs["names"] = self.likelihood.names
             file.attrs["seed"] = self.seed
@@ -96,14 +97,14 @@ class Checkpoint:
 
     def mode(self, step: int) -> Mode:
         """The mode about which points are proposed at a step: that of the fit, or as last adapted to the chains."""
-        with h5py.File(self.path, "r") as file:
+        with _open(self.path, "r") as file:
             latest = file[f"modes/{max(int(name) for name in file['modes'] if int(name) <= step)}"]
             return Mode(latest["point"][:], latest["covariance"][:], float(latest["cost"][()]))
 
     def adapt(self, step: int) -> None:
         """Takes the mode from here on from the second half of the chains so far."""
         points = self.read().chain[:, step // 2 : step].reshape(-1, len(self.likelihood.unknowns))
-        with h5py.File(self.open_copy(), "a") as file:
+        with _open(self.open_copy(), "a") as file:
             if str(step) not in file["modes"]:
                 _write_mode(file, step, Mode(points.mean(axis=0), np.cov(points.T).reshape(2 * [points.shape[1]]), 0.0))
         self.commit()
@@ -127,7 +128,7 @@ class Checkpoint:
 
     def steps(self) -> int:
         """Steps that all ensembles have taken."""
-        with h5py.File(self.path, "r") as file:
+        with _open(self.path, "r") as file:
             groups = [file.get(f"ensemble_{k + 1}") for k in range(ENSEMBLES)]
             return min(int(g.attrs["iteration"]) if g is not None else 0 for g in groups)
 
@@ -136,13 +137,18 @@ class Checkpoint:
         steps = self.steps()
         parts = []
         for k in range(ENSEMBLES):
-            backend = self.backend(k)
+            backend: Any = self.backend(k)
             parts.append((backend.get_chain()[:steps], backend.get_log_prob()[:steps], backend.get_blobs()[:steps]))
         chain, log_density, blobs = (np.array(group) for group in zip(*parts, strict=True))
         return Chains(chain, log_density, blobs.reshape(log_density.shape))
 
 
-def _write_mode(file: h5py.File, step: int, mode: Mode) -> None:
+def _open(path: Path, mode: str) -> Any:
+    """An HDF5 file; untyped, for what stands in it is known to whoever wrote it."""
+    return h5py.File(path, mode)
+
+
+def _write_mode(file: Any, step: int, mode: Mode) -> None:
     for name in ("point", "covariance", "cost"):
         file[f"modes/{step}/{name}"] = getattr(mode, name)
 
@@ -162,7 +168,8 @@ def sample(
 ) -> Convergence:
     """Samples until converged, or exactly to `steps` in total, at most to `max_steps`; goes on where it stopped.
 
-    After every stretch the chains are on disk. Random numbers depend on the seed and the step alone, so that a resumed chain is the uninterrupted one.
+    After every stretch the chains are on disk. Random numbers depend on the seed and the step alone, so that a
+    resumed chain is the uninterrupted one.
     """
     goal = max_steps if steps is None else steps
     stretch, done, began, first = 4, checkpoint.steps(), time.monotonic(), checkpoint.steps()
@@ -199,8 +206,9 @@ def _tell(progress, likelihood, checkpoint, goal, steps, done, new, seconds) -> 
             wanted = max(wanted, min(goal, math.ceil(done * ESS / verdict.ess_min)))
     left = max(wanted - done, 0) / rate
     runs = rate * ENSEMBLES * walkers_for(likelihood)
-    text = f"step {done} of about {max(wanted, done)}, {runs:.0f} simulations/s, R̂ {verdict.rhat_max:.3f}, ESS {verdict.ess_min:.0f}"
-    progress("sample", min(1.0, done / max(wanted, done, 1)), f"{text}, about {left:.0f} s left")
+    quality = f"R̂ {verdict.rhat_max:.3f}, ESS {verdict.ess_min:.0f}"
+    text = f"step {done} of about {max(wanted, done)}, {runs:.0f} simulations/s, {quality}, about {left:.0f} s left"
+    progress("sample", min(1.0, done / max(wanted, done, 1)), text)
 
 
 def _advance(likelihood: Likelihood, checkpoint: Checkpoint, done: int, count: int) -> None:
@@ -222,9 +230,11 @@ def _advance(likelihood: Likelihood, checkpoint: Checkpoint, done: int, count: i
         else:
             last = backend.get_last_sample()
             begin = emcee.State(last.coords, log_prob=last.log_prob, blobs=last.blobs)
-        begin.random_state = np.random.RandomState([checkpoint.seed, k, done]).get_state()
-        for _ in sampler.sample(begin, iterations=count, skip_initial_state_check=done > 0):
-            pass
+        steps = sampler.sample(begin, iterations=count, skip_initial_state_check=done > 0)
+        for step in range(done, done + count):
+            sampler.random_state = np.random.RandomState([checkpoint.seed, k, step]).get_state()
+            next(steps)
+        steps.close()
     checkpoint.commit()
 
 
@@ -244,11 +254,11 @@ def _scattered(likelihood: Likelihood, mode: Mode, walkers: int, rng: np.random.
 def convergence(chains: Chains) -> Convergence:
     """R̂, effective sample size and autocorrelation time of the slowest unknown (λ included), and the verdict.
 
-    Burn-in: the first fifth, at least two autocorrelation times, and all before the last adaptation. R̂ compares the halves of the separate ensembles:
-    walkers of one ensemble move by each other's positions, so that they are no independent chains. ESS counts all
-    samples over τ.
+    Burn-in: the first fifth, at least two autocorrelation times, and all before the last adaptation. R̂ compares the
+    halves of the separate ensembles: walkers of one ensemble move by each other's positions, so that they are no
+    independent chains. ESS counts all samples over τ.
     """
-    E, S, W, D = chains.chain.shape
+    E, S, W, _ = chains.chain.shape
     series = np.concatenate([chains.chain, chains.newton_exponent[..., None]], axis=-1)
     varying = np.isfinite(series).all(axis=(0, 1, 2)) & (series.std(axis=(0, 1, 2)) > 0.0)
     series = series[..., varying]

@@ -85,6 +85,7 @@ def added_forces(cradle, bob, t, r, theta, v_r, v_t):
 
 @jit
 def has_added_forces(cradle, bob):
+    """Whether any of `added_forces` acts."""
     return bob.c2 != 0.0 or bob.tau_c != 0.0 or cradle.user_force != 0
 
 

@@ -1,0 +1,106 @@
+"""The sampler: exact on a known posterior, resumable bit for bit, honest about convergence."""
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+
+from identification.fit import Mode
+from identification.sample import Chains, Checkpoint, convergence, sample
+from identification.unknowns import Unknown
+
+
+@dataclasses.dataclass
+class Gaussian:
+    """A stand-in for a likelihood: two correlated normal unknowns and a blob, their sum."""
+
+    workers: int | None = 1
+
+    def __post_init__(self):
+        self.unknowns = (Unknown("a", "1", "a", 0.0), Unknown("b", "1", "b", 0.0))
+        self.names = ["a", "b"]
+        self.experiment = dataclasses.make_dataclass("Digest", ["digest"])("same")
+        self.precision = np.linalg.inv([[1.0, 0.6], [0.6, 2.0]])
+
+    def log_densities(self, points):
+        density = -0.5 * np.einsum("ki,ij,kj->k", points, self.precision, points)
+        return np.column_stack([density, points.sum(axis=1)])
+
+
+def quiet(*_):
+    pass
+
+
+def chains(folder, steps, seed=3):
+    likelihood = Gaussian()
+    checkpoint = Checkpoint(folder / "chain.h5", likelihood, seed)
+    if not checkpoint.exists():
+        # Off centre and half as wide: the proposals must not need a good mode to be exact.
+        checkpoint.begin(Mode(np.array([0.5, -0.5]), 0.25 * np.eye(2), 0.0))
+    verdict = sample(likelihood, checkpoint, steps=steps, max_steps=20000, progress=quiet)
+    return verdict, checkpoint.read()
+
+
+def test_a_known_posterior_is_recovered(tmp_path):
+    verdict, sampled = chains(tmp_path, None)
+    assert verdict.converged and verdict.rhat_max < 1.01 and verdict.ess_min >= 400
+    points = sampled.chain[:, verdict.burn_in :].reshape(-1, 2)
+    error = 4.0 / math.sqrt(verdict.ess_min)  # four standard errors of a mean
+    assert np.all(np.abs(points.mean(axis=0)) < error * np.sqrt([1.0, 2.0]))
+    assert np.cov(points.T) == pytest.approx(np.array([[1.0, 0.6], [0.6, 2.0]]), abs=2.5 * error)
+    blob = sampled.newton_exponent[:, verdict.burn_in :].ravel()
+    assert blob.var() == pytest.approx(4.2, rel=2.5 * error)
+
+
+def test_a_resumed_chain_is_the_uninterrupted_one(tmp_path):
+    (tmp_path / "whole").mkdir()
+    (tmp_path / "parts").mkdir()
+    _, whole = chains(tmp_path / "whole", 90)
+    for steps in (50, 63, 90):
+        _, parts = chains(tmp_path / "parts", steps)
+    assert np.array_equal(whole.chain, parts.chain)
+    assert np.array_equal(whole.newton_exponent, parts.newton_exponent)
+
+
+def test_asking_for_the_total_again_adds_nothing(tmp_path):
+    chains(tmp_path, 60)
+    verdict, sampled = chains(tmp_path, 60)
+    assert verdict.steps == 60 and sampled.chain.shape[1] == 60
+
+
+def test_walkers_stuck_in_two_modes_are_not_called_converged():
+    rng = np.random.default_rng(0)
+    chain = rng.standard_normal((2, 2000, 16, 1))
+    chain[1] += 1.0  # the second ensemble sits elsewhere; each alone looks perfect
+    verdict = convergence(Chains(chain, np.zeros(chain.shape[:3]), chain[..., 0]))
+    assert not verdict.converged and verdict.rhat_max > 1.1
+    assert any("R̂" in reason for reason in verdict.reasons)
+
+
+def test_a_slow_chain_is_refused_with_its_autocorrelation_time():
+    rng = np.random.default_rng(1)
+    steps = rng.standard_normal((2, 1200, 16, 1))
+    slow = np.zeros_like(steps)
+    for k in range(1, 1200):  # first-order autoregression with tau = (1 + 0.95) / (1 - 0.95) = 39
+        slow[:, k] = 0.95 * slow[:, k - 1] + steps[:, k]
+    verdict = convergence(Chains(slow, np.zeros(slow.shape[:3]), np.full(slow.shape[:3], np.nan)))
+    assert not verdict.converged and 25 < verdict.tau_max < 60
+    assert any("τ" in reason for reason in verdict.reasons)
+
+
+def test_chains_of_other_data_are_refused(tmp_path):
+    chains(tmp_path, 60)
+    other = Gaussian()
+    other.experiment = dataclasses.make_dataclass("Digest", ["digest"])("other")
+    with pytest.raises(ValueError, match="other data"):
+        Checkpoint(tmp_path / "chain.h5", other, 0).exists()
+
+
+def test_a_half_written_stretch_is_ignored(tmp_path):
+    """What a kill leaves behind: the working copy, cut short."""
+    chains(tmp_path, 60)
+    whole = (tmp_path / "chain.h5").read_bytes()
+    (tmp_path / "chain.h5.part").write_bytes(whole[: len(whole) // 2])
+    verdict, _ = chains(tmp_path, 70)
+    assert verdict.steps == 70
