@@ -24,6 +24,19 @@ POWER_LAW_SPEEDS = (0.02, 1.0)
 _LARGEST = 1e12
 
 
+def _plain(value):
+    """A frozen dataclass or mapping as plain dictionaries, which travel between processes."""
+    if isinstance(value, Mapping):
+        return {key: _plain(item) for key, item in value.items()}
+    if dataclasses.is_dataclass(value):
+        return {f.name: _plain(getattr(value, f.name)) for f in dataclasses.fields(value)}
+    return value
+
+
+def _rebuilt(kind: type, fields: dict):
+    return kind(**fields)
+
+
 @dataclass(frozen=True, eq=True)
 class Cradle:
     """N equal bobs on strings, and the model of them.
@@ -58,7 +71,7 @@ class Cradle:
     def __post_init__(self) -> None:
         put = functools.partial(object.__setattr__, self)
         bobs = check_range("bobs", self.bobs, "", 1, 200)
-        if bobs != int(bobs):
+        if bobs != int(bobs) or isinstance(self.bobs, bool):
             raise ValueError(f"bobs is {self.bobs!r}; it must be a whole number from 1 to 200")
         put("bobs", int(bobs))
         for name, unit in (("length", "m"), ("mass", "kg"), ("radius", "m"), ("gravity", "m/s^2")):
@@ -79,7 +92,7 @@ class Cradle:
         put("effects", self._checked_effects())
 
     def _checked_delta(self) -> float | tuple[float, ...]:
-        if isinstance(self.delta, Sequence | np.ndarray):
+        if isinstance(self.delta, Sequence | np.ndarray) and not isinstance(self.delta, str):
             if len(self.delta) != self.bobs - 1:
                 raise ValueError(f"delta has {len(self.delta)} values; {self.bobs} bobs have {self.bobs - 1} gaps")
             return tuple(check_range("delta", d, "", -1.0, above=True) for d in self.delta)
@@ -89,6 +102,8 @@ class Cradle:
         composed = {e.name: e for e in compose(self.model, self.effects)}
         checked = {}
         for name, values in self.effects.items():
+            if name.startswith("-") and values:
+                raise ValueError(f"{name!r} takes an effect out and has no parameters; given: {', '.join(values)}")
             checked[name] = MappingProxyType(composed[name].checked(values) if name in composed else {})
         if "contact_duration" in composed and self.power_law is not None:
             raise ValueError("contact_duration follows eq. 1 in time and needs k_f; take the power law out")
@@ -107,6 +122,9 @@ class Cradle:
             fields["power_law"] = (alpha, n)
         cradle = cls(**fields)
         return dataclasses.replace(cradle, kappa=cradle._kappa_for(check_range("beta", beta, "", 0.0, above=True)))
+
+    def __reduce__(self):
+        return _rebuilt, (type(self), _plain(self))
 
     def replace(self, **fields) -> Cradle:
         """A copy with some fields changed."""
@@ -210,6 +228,9 @@ class Release:
             if not angles:
                 raise ValueError("angles is empty; name at least one bob")
             object.__setattr__(self, "angles", MappingProxyType(angles))
+
+    def __reduce__(self):
+        return _rebuilt, (type(self), _plain(self))
 
     def angles_of(self, cradle: Cradle) -> np.ndarray:
         """Release angle of each bob [rad], nan for those that hang; shape (N,)."""

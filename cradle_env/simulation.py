@@ -19,6 +19,8 @@ from cradle_env.trajectory import IMPACT, Trajectory
 # Integration step as a fraction of 1/ω of the faster motion: 1e-10 rad over 10 s on elastic strings, see
 # tests/test_accuracy.py; on rigid ones it is the interpolation of the samples that sets it.
 _RADIAL_STEP, _ANGULAR_STEP = 0.5, 0.2
+# Dry friction changes sign within a hundredth of a period.
+_FRICTION_STEP = 0.05
 _EXHAUSTED = {
     events.STALLED: "more impacts at one instant than can be resolved",
     events.NOT_FINITE: "the motion left the range of numbers",
@@ -70,6 +72,7 @@ def simulate_batch(
     starts = [releases] * count if isinstance(releases, Release | InitialState) else list(releases)
     if len(many) != len(starts):
         raise ValueError(f"{len(many)} cradles and {len(starts)} releases; give as many, or one of either")
+    check_range("step_factor", step_factor, "", 0.0, above=True)
     wanted = _times(duration, sample_rate) if times is None else _checked_times(times)
     pairs = list(zip(many, starts, strict=True))
     return in_threads(lambda pair: _run(pair[0], pair[1], wanted, ledger, step_factor), pairs, workers)
@@ -123,6 +126,8 @@ def records(cradle: Cradle, step_factor: float = 1.0) -> tuple[np.ndarray, np.nd
     if c["elastic"][0]:
         radial = np.sqrt(np.max(bobs["kappa"] * bobs["grip"] ** 2 / (4.0 * bobs["mass"])))
         step = min(step, _RADIAL_STEP / radial)
+    if bobs["tau_c"].any():
+        step = min(step, _FRICTION_STEP / angular)
     c["step"] = step * step_factor
     return c, bobs
 

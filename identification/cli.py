@@ -11,11 +11,11 @@ import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
-_USAGE_ERROR = typer.BadParameter.__mro__[1]  # click's, or typer's own copy of it
+_USAGE_ERROR: Any = typer.BadParameter.__mro__[1]  # click's, or typer's own copy of it
 _UNUSABLE = (ValueError, FileNotFoundError, FileExistsError, PermissionError, IsADirectoryError, NotADirectoryError)
 
 app = typer.Typer(
@@ -194,7 +194,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except (OSError, MemoryError) as problem:
         return _end(1, _one_line(problem) or type(problem).__name__)
     except RuntimeError as problem:
-        from cradle_env import SimulationError
+        from cradle_env.simulation import SimulationError
 
         if not isinstance(problem, SimulationError):
             raise

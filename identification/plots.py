@@ -16,7 +16,7 @@ from identification.posterior import Posterior, statistics
 from identification.run_plots import lambda_figure, prediction_figure, run_figure
 from identification.runs import Run
 from identification.style import BLACK, BLUE, GREY, ORANGE, RED, quiet_grid, styled
-from identification.wording import mathtext, rounding_of, shown, unit_mathtext
+from identification.wording import mathtext, ratio, rounding_of, shown, unit_mathtext
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -204,13 +204,17 @@ def residual_figure(posterior: Posterior) -> Figure:
         axes.set_xlim(run.times[0], run.times[-1])
         name = f"{run.file}: " if len(runs) > 1 else ""
         parts = ((train[k] & counted, ""), (held[k] & counted, " in the shaded part"))
-        said = ", ".join(f"{rms(values[part]):.2f}{where}" for part, where in parts if part.any())
+        said = ", ".join(f"{ratio(rms(values[part]))}{where}" for part, where in parts if part.any())
         axes.set_title(f"{name}bob {bob}, RMS {said}")
         axes.set_ylabel("residual / noise")
         edges, grid = np.linspace(-limit, limit, 33), np.linspace(-limit, limit, 401)
-        side.hist(inside[counted], edges, density=True, orientation="horizontal", color=BLUE, alpha=0.65)
+        counts, *_ = side.hist(
+            inside[counted], edges, density=True, orientation="horizontal", color=BLUE, alpha=0.65
+        )  # fmt: skip
         side.plot(norm.pdf(grid), grid, color=RED, linestyle="--")
         side.tick_params(labelleft=False)
+        side.set_xlim(0.0, 1.25 * np.max(counts))
+        side.xaxis.set_major_locator(MaxNLocator(2))
         for box in (axes, side):
             box.set_ylim(-limit, limit)
             box.yaxis.set_major_locator(MaxNLocator(5, integer=True))

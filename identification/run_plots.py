@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import textwrap
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -117,7 +117,8 @@ def run_figure(run: Trajectory) -> Figure:
     bobs = run.cradle.bobs
     upper = 0.6 + (2.4 if bobs > _MOST_STRIPS else max(1.4, 0.6 * bobs))
     figure = Figure(figsize=(11.0, upper + 2.9), layout="constrained")
-    top, bottom = figure.subfigures(2, 1, height_ratios=(upper, 2.9))
+    parts: Any = figure.subfigures(2, 1, height_ratios=(upper, 2.9))
+    top, bottom = parts
     _show_motion(top, run)
     panels = bottom.subplots(1, 4, width_ratios=(0.8, 0.8, 1.0, 1.1))
     _show_close_ups(panels[:2], run)
@@ -131,6 +132,8 @@ def run_figure(run: Trajectory) -> Figure:
 
 def _show_motion(figure: SubFigure, run: Trajectory) -> None:
     """θ(t): a strip for each bob, or an image where there are many."""
+    from matplotlib.ticker import MaxNLocator
+
     bobs, degrees = run.cradle.bobs, np.rad2deg(run.theta)
     limit = 1.05 * float(np.max(np.abs(degrees), initial=0.0)) or 1.0
     if bobs > _MOST_STRIPS:
@@ -140,7 +143,7 @@ def _show_motion(figure: SubFigure, run: Trajectory) -> None:
             cmap="RdBu_r", vmin=-limit, vmax=limit, interpolation="nearest",
         )  # fmt: skip
         axes.set(xlabel="time [s]", ylabel="bob", title="angle of each bob")
-        axes.yaxis.get_major_locator().set_params(integer=True)
+        axes.yaxis.set_major_locator(MaxNLocator(integer=True))
         figure.colorbar(image, ax=axes, label="θ [°]", pad=0.01)
         return
     strips = figure.subplots(bobs, 1, sharex=True, sharey=True, squeeze=False)[:, 0]

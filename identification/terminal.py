@@ -33,16 +33,19 @@ class Progress:
         if sys.stderr.isatty():
             from rich import progress
             from rich.console import Console
+            from rich.table import Column
 
             self._bars = progress.Progress(
-                progress.TextColumn("{task.description:<8}"),
-                progress.BarColumn(24),
+                progress.TextColumn("{task.description}", table_column=Column(no_wrap=True, min_width=8)),
+                progress.BarColumn(16),
                 progress.TaskProgressColumn(),
-                progress.TimeElapsedColumn(),
-                progress.TimeRemainingColumn(),
-                progress.TextColumn("{task.fields[text]}", markup=False),
+                progress.TimeRemainingColumn(compact=True),
+                progress.TextColumn(
+                    "{task.fields[text]}", markup=False, table_column=Column(no_wrap=True, overflow="ellipsis", ratio=1)
+                ),
                 console=Console(stderr=True),
                 transient=True,
+                expand=True,
             )
             self._bars.start()
         return self

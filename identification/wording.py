@@ -96,8 +96,10 @@ def number(value: float | None, digits: int = 3) -> str:
 
 
 def ratio(value: float | None) -> str:
-    """A gap: two decimals where it is near its floor."""
-    return "–" if value is None or not math.isfinite(value) else f"{value:.2f}" if value < 10.0 else f"{value:.3g}"
+    """A gap: two decimals where it is near its floor, fewer where it is far off."""
+    if value is None or not math.isfinite(value):
+        return "–"
+    return f"{value:.2f}" if value < 10.0 else f"{value:.1f}" if value < 100.0 else f"{value:.0f}"
 
 
 def convergence_verdict(summary: Mapping[str, Any]) -> str:
@@ -111,7 +113,7 @@ def convergence_verdict(summary: Mapping[str, Any]) -> str:
     reasons = "; ".join(summary["not_converged_because"]) or figures
     return (
         f"The chains have not converged: {reasons}. The intervals are provisional;"
-        " run the same command again with a larger --max-steps to go on from here."
+        " run the same command again with more --steps or --max-steps to go on from here."
     )
 
 

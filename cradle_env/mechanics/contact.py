@@ -28,7 +28,7 @@ from cradle_env.mechanics.parameters import (
 
 #: Bobs are in touch from this overlap on [m]: far below any gap that matters, far above rounding, so that a
 #: pair that has just parted is never found touching again by its last digit.
-CONTACT = 1e-11
+CONTACT = 1e-13
 #: Bobs nearer than this [m] are struck as one group.
 TOUCHING = 1e-9
 #: A pressed pair whose bounce would not rise beyond this [m] is in persistent contact.

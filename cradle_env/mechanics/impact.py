@@ -55,7 +55,7 @@ _A = np.array(
 _E = np.array([71 / 57600, 0, -71 / 16695, 71 / 1920, -17253 / 339200, 22 / 525, -1 / 40])
 
 #: Error per step of the chain's velocities, relative to the speed of the blow.
-_CHAIN_TOLERANCE = 1e-7
+_CHAIN_TOLERANCE = 1e-8
 # A contact followed in time may come to rest when its bounce, at this acceleration [m/s^2], would be least.
 _LEAST_PRESS = 1e-3
 # A chain is left to itself after this many times the time scale of a pair impact, which lasts 3.2 of them.

@@ -7,6 +7,12 @@ from cradle_env.mechanics.jit import jit
 from cradle_env.mechanics.motion import between, step
 from cradle_env.mechanics.parameters import FIRST, LAST, LINK, MEETING, OPEN, OUT, T0, T1
 
+# Two bobs in touch approach from this speed on [m/s]: rounding of the speeds after an impact.
+_LEAST_APPROACH = 1e-12
+# A touch gentler than this [m/s] stays where it was foreseen, to 1e-9 m: its time is no root of any use, for the
+# curvature of the gap rules, and going back to it would find the same touch for ever.
+_LEAST_LOCATED = 1e-6
+
 
 @jit
 def gap_between(cradle, bobs, S, p, t):
@@ -27,7 +33,7 @@ def predict(cradle, bobs, S, p):
         return math.inf
     g0, v0 = gap_between(cradle, bobs, S, p, low)
     g1, v1 = gap_between(cradle, bobs, S, p, high)
-    if g0 <= 0.0 and v0 < 0.0:
+    if g0 <= 0.0 and v0 < -_LEAST_APPROACH:
         return low
     if g1 >= 0.0:
         # Only a dip can touch: closing at the start, opening at the end, and both straight lines reach zero.
@@ -38,12 +44,12 @@ def predict(cradle, bobs, S, p):
         if gap_between(cradle, bobs, S, p, high)[0] >= 0.0:
             return math.inf
     elif g0 <= 0.0:
-        end = high
-        low = turning_point(cradle, bobs, S, p, low, high, -1.0)
-        if gap_between(cradle, bobs, S, p, low)[0] <= 0.0:
-            return end  # an overlap below rounding that never opened
-        high = end
-    return closing(cradle, bobs, S, p, low, high)
+        opened = turning_point(cradle, bobs, S, p, low, high, -1.0)
+        if gap_between(cradle, bobs, S, p, opened)[0] <= 0.0:
+            # In touch without parting or approaching: until the overlap, below rounding at first, has doubled.
+            return closing(cradle, bobs, S, p, low, high, CONTACT) if g1 < -CONTACT else math.inf
+        low = opened
+    return closing(cradle, bobs, S, p, low, high, 0.0)
 
 
 @jit
@@ -59,18 +65,19 @@ def turning_point(cradle, bobs, S, p, low, high, sign):
 
 
 @jit
-def closing(cradle, bobs, S, p, low, high):
-    """The instant [s] at which the gap closes, open at `low` and closed at `high`: Newton's method, and bisection
-    whenever it leaves the bracket or fails to halve it."""
+def closing(cradle, bobs, S, p, low, high, depth):
+    """The instant [s] at which the gap falls below -depth [m], above it at `low` and below it at `high`: Newton's
+    method, and bisection whenever it leaves the bracket or fails to halve it."""
     t = 0.5 * (low + high)
     while True:
         g, v = gap_between(cradle, bobs, S, p, t)
+        g += depth
         width = high - low
         if g > 0.0:
             low = t
         else:
             high = t
-        if abs(g) < 1e-13 or high - low < 1e-12:
+        if abs(g) < 1e-14 or high - low < 1e-12:
             return high if g > 0.0 and high - low < 1e-12 else t
         newton = t - g / v if v < 0.0 else low
         t = newton if low < newton < high and high - low < width else 0.5 * (low + high)
@@ -93,10 +100,9 @@ def locate(cradle, bobs, S, W, p):
         if S[p + 1, FIRST] != S[p, FIRST]:
             step_to(cradle, bobs, S, W, p + 1, t)
         gap, _, _, v_n, _ = pair(cradle, bobs, p, W, OUT)
-        if v_n >= 0.0:
+        if v_n > -_LEAST_LOCATED:
             break
         following = max(t - (gap + CONTACT) / v_n, earliest)
-        # A touch too gentle to locate so (the gap's curvature rules) stays where it was foreseen.
         if abs(following - t) > 1e-6 or abs(following - t) <= 4e-16 * (1.0 + t):
             break
         t = following

@@ -21,7 +21,9 @@ from typing import Any
 
 import numpy as np
 
-from cradle_env import Cradle, Release, __version__, simulate
+from cradle_env import __version__
+from cradle_env.cradle import Cradle, Release
+from cradle_env.simulation import simulate
 from identification.bench import scipy_peer
 from identification.results import write_json
 from identification.terminal import Progress, print_table
@@ -41,7 +43,7 @@ def race(bobs: int, duration: float, compared: float) -> list[dict[str, Any]]:
     times = np.arange(int(duration * _RATE) + 1) / _RATE
     early = times <= compared
 
-    def peer(rows: np.ndarray, **tolerances: float) -> np.ndarray:
+    def peer(rows: np.ndarray, **tolerances: Any) -> np.ndarray:
         return scipy_peer.simulate(bobs, angle=_ANGLE, times=times[rows], kappa=cradle.kappa, **tolerances)[0]
 
     reference = peer(early, rtol=1e-13, atol=1e-15, max_step=0.005)
