@@ -22,6 +22,7 @@ from cradle_env.mechanics.jit import jit
 from cradle_env.mechanics.motion import derivative
 from cradle_env.mechanics.parameters import (
     ACTIVE,
+    CANDIDATE,
     CHAIN,
     CHAIN_D,
     CHAIN_U,
@@ -54,8 +55,8 @@ _A = np.array(
 )
 _E = np.array([71 / 57600, 0, -71 / 16695, 71 / 1920, -17253 / 339200, 22 / 525, -1 / 40])
 
-#: Error per step of the chain's velocities, relative to the speed of the blow.
-_CHAIN_TOLERANCE = 1e-8
+# Error per step of the chain's velocities [m/s], and the range of what that is relative to the blow.
+_CHAIN_ERROR, _FINEST, _COARSEST = 1e-12, 1e-11, 1e-7
 # A contact followed in time may come to rest when its bounce, at this acceleration [m/s^2], would be least.
 _LEAST_PRESS = 1e-3
 # A chain is left to itself after this many times the time scale of a pair impact, which lasts 3.2 of them.
@@ -127,7 +128,8 @@ def chain(cradle, bobs, table, S, W, lo, hi):
         W[p, CHAIN_D] *= m
         W[p, CHAIN_U] *= m
         W[p, CHAIN + 1] /= blow
-    _resolve(equivalent_dissipation(cradle, table, m, blow), lo, hi, W)
+    tolerance = min(max(_CHAIN_ERROR / blow, _FINEST), _COARSEST)
+    _resolve(equivalent_dissipation(cradle, table, m, blow), tolerance, lo, hi, W)
     for p in range(lo, hi - 1):
         W[p, SOLUTION] = W[p, CHAIN + 2] * m * blow
         W[p, LOSS] = W[p, CHAIN + 3] * m * blow * blow
@@ -135,7 +137,7 @@ def chain(cradle, bobs, table, S, W, lo, hi):
 
 
 @jit
-def _resolve(A, lo, hi, W):
+def _resolve(A, tolerance, lo, hi, W):
     """Integrates a chain until no pair presses or approaches, with control of the error."""
     t, h = 0.0, 0.01
     while t < _CHAIN_LIMIT and not (t > 0.0 and _chain_is_over(A, lo, hi, W)):
@@ -154,12 +156,42 @@ def _resolve(A, lo, hi, W):
                 for s in range(7):
                     e += _E[s] * W[p, CHAIN + 8 + 4 * s + c]
                 error = max(error, abs(h * e))
-        if error <= _CHAIN_TOLERANCE:
+        if error <= tolerance:
             t += h
             for p in range(lo, hi - 1):
                 for c in range(4):
                     W[p, CHAIN + c] = W[p, CHAIN + 4 + c]
-        h *= min(4.0, max(0.2, 0.9 * (_CHAIN_TOLERANCE / max(error, 1e-30)) ** 0.2))
+        h *= min(4.0, max(0.2, 0.9 * (tolerance / max(error, 1e-30)) ** 0.2))
+
+
+@jit
+def _press(cradle, bobs, S, W, lo, hi):
+    """Finds which candidate contacts press when all that press are kept closed: sets ACTIVE and SOLUTION [N].
+
+    A contact that closes joins, and can only raise the forces of the others (D has no positive off-diagonal), so
+    that none ever has to leave: the one solution of the complementarity problem in at most as many rounds as pairs.
+    """
+    for p in range(lo, hi - 1):
+        W[p, ACTIVE], W[p, SOLUTION] = 0.0, 0.0
+        W[p, CANDIDATE] = min(W[p, CANDIDATE], 1.0)
+    while True:
+        joined = False
+        for p in range(lo, hi - 1):
+            if W[p, CANDIDATE] != 0.0 and W[p, ACTIVE] == 0.0:
+                closing, nx, nz = W[p, WANTED], W[p, N_X], W[p, N_Z]
+                if p > lo:
+                    near = mobility(cradle, bobs, p, S, START, W[p - 1, N_X], W[p - 1, N_Z], nx, nz)
+                    closing += near * W[p - 1, SOLUTION]
+                if p < hi - 2:
+                    near = mobility(cradle, bobs, p + 1, S, START, W[p + 1, N_X], W[p + 1, N_Z], nx, nz)
+                    closing += near * W[p + 1, SOLUTION]
+                if closing > 0.0:
+                    W[p, CANDIDATE], joined = 2.0, True
+        if not joined:
+            return
+        for p in range(lo, hi - 1):
+            W[p, ACTIVE] = W[p, CANDIDATE] == 2.0
+        solve_chain(cradle, bobs, lo, hi, S, START, W)
 
 
 @jit
@@ -170,33 +202,29 @@ def settle(cradle, bobs, S, W, lo, hi):
     is positive and its bounce would stay below LEAST_BOUNCE; its opening speed goes to zero, and what that takes
     [J] is added to W[p, LOSS]. Returns the number of new persistent contacts.
     """
-    candidates = 0
     for p in range(lo, hi - 1):
         gap, nx, nz, v_n, spread = pair(cradle, bobs, p, S, START)
         W[p, N_X], W[p, N_Z] = nx, nz
         W[p, WANTED] = -opening(cradle, bobs, p, S, START, S, RATE0, nx, nz, spread)
-        small = v_n * v_n <= 2.0 * LEAST_BOUNCE * abs(W[p, WANTED])
-        W[p, ACTIVE] = (gap <= TOUCHING and small) or S[p, LINK] == PRESSED
-        candidates += W[p, ACTIVE] != 0.0
-    while candidates > 0:
-        solve_chain(cradle, bobs, lo, hi, S, START, W)
-        dropped = 0
+        W[p, CANDIDATE] = gap <= TOUCHING or S[p, LINK] == PRESSED
+    while True:
+        _press(cradle, bobs, S, W, lo, hi)
+        dropped = False
         for p in range(lo, hi - 1):
             if W[p, ACTIVE] != 0.0:
-                _, nx, nz, v_n, _ = pair(cradle, bobs, p, S, START)
-                press = W[p, SOLUTION] * yielding(cradle, bobs, p, S, START, nx, nz)
-                if press <= 0.0 or v_n * v_n > 2.0 * LEAST_BOUNCE * press:
-                    W[p, ACTIVE] = 0.0
-                    dropped += 1
-        candidates -= dropped
-        if dropped == 0:
+                v_n = pair(cradle, bobs, p, S, START)[3]
+                press = W[p, SOLUTION] * yielding(cradle, bobs, p, S, START, W[p, N_X], W[p, N_Z])
+                if v_n * v_n > 2.0 * LEAST_BOUNCE * press:
+                    W[p, CANDIDATE], dropped = 0.0, True
+        if not dropped:
             break
-    made = 0
+    made, pressed = 0, False
     for p in range(lo, hi - 1):
+        pressed = pressed or W[p, ACTIVE] != 0.0
         made += W[p, ACTIVE] != 0.0 and S[p, LINK] != PRESSED
         S[p, LINK] = PRESSED if W[p, ACTIVE] != 0.0 else OPEN
         W[p, WANTED] = -pair(cradle, bobs, p, S, START)[3]
-    if candidates > 0:
+    if pressed:
         solve_chain(cradle, bobs, lo, hi, S, START, W)
         for p in range(lo, hi - 1):
             if W[p, ACTIVE] != 0.0:

@@ -90,4 +90,5 @@ LOSS = FORCE + 7  # what an impact took from pair i [J]
 N_X, N_Z = FORCE + 8, FORCE + 9  # unit vector of pair i
 CHAIN_D, CHAIN_U = FORCE + 10, FORCE + 11  # diagonal and off-diagonal of a chain's equations, dimensionless
 CHAIN = FORCE + 12  # a chain's overlap, its rate, impulse and work; 4 each: now, at a stage, and of 7 stages d/dtau
-SCRATCH = CHAIN + 4 * 9
+CANDIDATE = CHAIN + 4 * 9  # 1: this contact may persist; 2: it presses
+SCRATCH = CANDIDATE + 1
