@@ -8,6 +8,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 
@@ -96,7 +97,8 @@ class Cradle:
             if len(self.delta) != self.bobs - 1:
                 raise ValueError(f"delta has {len(self.delta)} values; {self.bobs} bobs have {self.bobs - 1} gaps")
             return tuple(check_range("delta", d, "", -1.0, above=True) for d in self.delta)
-        return check_range("delta", self.delta, "", -1.0, above=True, remedy="at δ = −1 the pivots coincide")
+        number: Any = self.delta
+        return check_range("delta", number, "", -1.0, above=True, remedy="at δ = −1 the pivots coincide")
 
     def _checked_effects(self) -> Mapping[str, Mapping[str, float]]:
         composed = {e.name: e for e in compose(self.model, self.effects)}

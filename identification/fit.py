@@ -201,7 +201,15 @@ def _mode(likelihood: Likelihood, point: np.ndarray, cost: float) -> Mode:
         # What the data leave open is as wide as its bounds allow.
         open_width = min(u.high - u.low, 10.0 * max(u.search, abs(u.start), 1e-3)) if not u.log else 5.0
         information[i, i] += 1.0 / open_width**2
-    return Mode(point, np.linalg.inv(information), cost)
+    return Mode(point, well_conditioned(np.linalg.inv(information)), cost)
+
+
+def well_conditioned(covariance: np.ndarray) -> np.ndarray:
+    """The covariance (D, D), symmetric and positive: correlations closer to 1 than rounding allows are cut off."""
+    sd = np.sqrt(np.maximum(np.abs(np.diag(covariance)), 1e-300))
+    correlation = 0.5 * (covariance + covariance.T) / np.outer(sd, sd)
+    values, vectors = np.linalg.eigh(correlation)
+    return np.outer(sd, sd) * ((vectors * np.maximum(values, 1e-9)) @ vectors.T)
 
 
 def training_rows(experiment: Experiment) -> tuple[list[np.ndarray], list[np.ndarray]]:
@@ -216,7 +224,7 @@ def training_rows(experiment: Experiment) -> tuple[list[np.ndarray], list[np.nda
     if len(runs) > 1:
         train = [run.fitted for run in runs[:-1]] + [np.zeros_like(runs[-1].fitted)]
         return train, [np.zeros_like(run.fitted) for run in runs[:-1]] + [runs[-1].fitted]
-    (run,) = runs
+    run = experiment.runs[0]
     seen = run.times[run.fitted]
     split = seen[0] + 2.0 / 3.0 * (seen[-1] - seen[0])
     return [run.fitted & (run.times <= split)], [run.fitted & (run.times > split)]

@@ -82,7 +82,7 @@ class Likelihood:
         if run.state == "release":
             assert run.release is not None
             error = values.get("release_angle_error" + at, 0.0)
-            return _lifted_further(run.release.release, error), values.get("release_time_error" + at, 0.0)
+            return lifted_further(run.release.release, error), values.get("release_time_error" + at, 0.0)
         bobs = range(1, self.experiment.cradle.bobs + 1)
 
         def each(name: str) -> np.ndarray | None:
@@ -169,7 +169,7 @@ class Likelihood:
         return np.concatenate([*parts, np.array(prior)])
 
 
-def _lifted_further(release: Release, error: float) -> Release:
+def lifted_further(release: Release, error: float) -> Release:
     """The release with every angle larger in magnitude by `error` [rad]."""
     if error == 0.0:
         return release

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import json
 import os
 from collections.abc import Mapping
@@ -16,10 +17,12 @@ from cradle_env.cradle import Cradle, Release
 from cradle_env.simulation import simulate_batch
 from cradle_env.synchronization import WINDOW
 from identification.experiment import Experiment
-from identification.likelihood import Likelihood
+from identification.likelihood import STEP_FACTOR, Likelihood, lifted_further
 from identification.unknowns import Unknown
 
 FORMAT = "cradle-posterior/1"
+# Draws over which λ is simulated where it did not come with the likelihood.
+_LAMBDA_DRAWS = 400
 #: A gap beyond this says that the model does not describe the data.
 MISFIT_GAP = 1.15
 
@@ -126,13 +129,17 @@ class Posterior:
         bob = self.experiment.cradle.bobs if peaks[-1] >= peaks[0] else 1
         return Release(angles={bob: float(peaks[bob - 1]) * (1.0 if bob > 1 else -1.0)})
 
-    def newton_exponent(self, count: int = 400) -> np.ndarray:
+    def newton_exponent(self) -> np.ndarray:
         """Samples of λ [1/s] of the first run's δ and release over 0 to 60 s, simulated; empty for one bob."""
         if self.experiment.cradle.bobs == 1:
             return np.empty(0)
         if self.newton_exponents is not None:
             return self.newton_exponents.ravel()
-        return self.predict(count=count).newton_exponent
+        return self._predicted_exponent
+
+    @functools.cached_property
+    def _predicted_exponent(self) -> np.ndarray:
+        return self.predict(count=_LAMBDA_DRAWS).newton_exponent
 
     def predict(
         self,
@@ -150,16 +157,22 @@ class Posterior:
             release = Release(angle=release_angle, start=release.start)
         elif bobs is not None and bobs != self.experiment.cradle.bobs:
             release = Release(angle=release.lead(self.experiment.cradle)[1], start=release.start)
-        cradles = []
+        cradles, releases = [], []
         for point in self.draws(count):
-            cradle = self.likelihood.cradle(self.likelihood.values(point))
+            values = self.likelihood.values(point)
+            cradle = self.likelihood.cradle(values)
             fields: dict[str, Any] = {"bobs": bobs or cradle.bobs}
             uniform = float(np.mean(cradle.gaps)) if cradle.bobs > 1 else 0.0
             fields["delta"] = delta if delta is not None else (uniform if bobs else cradle.delta)
             cradles.append(cradle.replace(**fields))
+            # A stated angle is taken as exact; the run's own is as uncertain as the calibration left it.
+            error = values.get("release_angle_error@1", 0.0) if release_angle is None else 0.0
+            releases.append(lifted_further(release, error))
         if cradles[0].bobs == 1:
             raise ValueError("one bob has nothing to synchronize with; predict for 2 bobs or more")
-        runs = simulate_batch(cradles, release, duration, sample_rate, step_factor=1.5, workers=self.likelihood.workers)
+        runs = simulate_batch(
+            cradles, releases, duration, sample_rate, step_factor=STEP_FACTOR, workers=self.likelihood.workers
+        )
         return Prediction(
             cradles[0],
             release,
@@ -199,7 +212,6 @@ class Posterior:
 
     def save(self, path: str | Path) -> Path:
         """Writes the samples, in their units, as an ArviZ netCDF file, with what is needed to load it again."""
-        import arviz
         import xarray
 
         path = Path(path)
@@ -219,9 +231,8 @@ class Posterior:
             "seed": self.seed,
             "experiment": json.dumps(self.experiment_files()),
             "convergence": json.dumps(dataclasses.asdict(self.convergence)),
-            "gap": json.dumps([self.gap.train, self.gap.held_out]),
+            "gap": json.dumps([self.gap.train, self.gap.held_out, {k: v.tolist() for k, v in self.gap.rms.items()}]),
         }
-        del arviz
         temporary = path.with_name(path.name + ".part")
         temporary.unlink(missing_ok=True)
         posterior.to_netcdf(temporary, group="posterior", engine="h5netcdf")
@@ -265,6 +276,7 @@ class Posterior:
             shaped(np.log(posterior[u.name].values) if u.log else posterior[u.name].values) for u in likelihood.unknowns
         ]
         convergence = json.loads(posterior.attrs["convergence"])
+        train, held_out, by_bob = json.loads(posterior.attrs["gap"])
         convergence["reasons"] = tuple(convergence["reasons"])
         return cls(
             likelihood,
@@ -272,7 +284,7 @@ class Posterior:
             shaped(stats["lp"].values),
             shaped(posterior["lambda"].values) if "lambda" in posterior else None,
             Convergence(**convergence),
-            Gap(*json.loads(posterior.attrs["gap"])),
+            Gap(train, held_out, {part: np.array(values) for part, values in by_bob.items()}),
             int(posterior.attrs["seed"]),
         )
 

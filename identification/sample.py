@@ -15,7 +15,7 @@ import h5py
 import numpy as np
 
 from identification.files import ExperimentError
-from identification.fit import Mode, Progress
+from identification.fit import Mode, Progress, well_conditioned
 from identification.likelihood import Likelihood
 from identification.posterior import Convergence
 
@@ -103,10 +103,12 @@ class Checkpoint:
 
     def adapt(self, step: int) -> None:
         """Takes the mode from here on from the second half of the chains so far."""
-        points = self.read().chain[:, step // 2 : step].reshape(-1, len(self.likelihood.unknowns))
+        D = len(self.likelihood.unknowns)
+        points = self.read().chain[:, step // 2 : step].reshape(-1, D)
+        covariance = well_conditioned(np.cov(points.T).reshape(D, D))
         with _open(self.open_copy(), "a") as file:
             if str(step) not in file["modes"]:
-                _write_mode(file, step, Mode(points.mean(axis=0), np.cov(points.T).reshape(2 * [points.shape[1]]), 0.0))
+                _write_mode(file, step, Mode(points.mean(axis=0), covariance, 0.0))
         self.commit()
 
     def _part(self) -> Path:
@@ -204,10 +206,14 @@ def _tell(progress, likelihood, checkpoint, goal, steps, done, new, seconds) -> 
         wanted = min(goal, math.ceil((TAUS + 4.0) * verdict.tau_max))
         if verdict.ess_min > 0:
             wanted = max(wanted, min(goal, math.ceil(done * ESS / verdict.ess_min)))
-    left = max(wanted - done, 0) / rate
+    left = (
+        f", about {max(wanted - done, 0) / rate:.0f} s left"
+        if math.isfinite(verdict.tau_max) or steps is not None
+        else ""
+    )
     runs = rate * ENSEMBLES * walkers_for(likelihood)
     quality = f"R̂ {verdict.rhat_max:.3f}, ESS {verdict.ess_min:.0f}"
-    text = f"step {done} of about {max(wanted, done)}, {runs:.0f} simulations/s, {quality}, about {left:.0f} s left"
+    text = f"step {done} of about {max(wanted, done)}, {runs:.0f} simulations/s, {quality}{left}"
     progress("sample", min(1.0, done / max(wanted, done, 1)), text)
 
 
