@@ -174,9 +174,9 @@ def lifted_further(release: Release, error: float) -> Release:
     if error == 0.0:
         return release
     if release.angles is not None:
-        return dataclasses.replace(release, angles={i: a + math.copysign(error, a) for i, a in release.angles.items()})
+        return dataclasses.replace(release, angles={i: a + error * math.copysign(1.0, a) for i, a in release.angles.items()})
     assert release.angle is not None
-    return dataclasses.replace(release, angle=release.angle + math.copysign(error, release.angle))
+    return dataclasses.replace(release, angle=release.angle + error * math.copysign(1.0, release.angle))
 
 
 def rms(values: np.ndarray) -> float:

@@ -1,0 +1,88 @@
+"""The likelihood: what it predicts, what it counts, and where it says impossible."""
+
+import math
+
+import numpy as np
+import pytest
+
+from cradle_env import Cradle, Release, simulate
+from identification.experiment import Experiment
+from identification.fit import find_mode
+from identification.likelihood import Likelihood, lifted_further
+from identification.runs import ReleaseInfo, Run
+from tests.independent.soft_contact import SoftCradle, simulate_soft
+
+TRUE = {"k_f": 21000.0, "kappa": 180.0, "b": 0.003}
+
+
+def experiment(angle_error=0.0, noise=1e-3, seconds=12.0, lost=()):
+    """Two bobs by the independent simulator, contacts 250 times shorter; stated values are 10 % off."""
+    rng = np.random.default_rng(5)
+    times = np.arange(int(seconds * 60) + 1) / 60
+    soft = SoftCradle(bobs=2, stiffness_factor=1e6, **TRUE)
+    theta = simulate_soft(soft, {2: 0.228 + angle_error}, times=times).theta
+    readings = theta + noise * rng.standard_normal(theta.shape)
+    for rows, bob in lost:
+        readings[rows, bob] = np.nan
+    cradle = Cradle(bobs=2, k_f=19000.0, kappa=190.0, b=0.0027)
+    release = ReleaseInfo(Release(angle=0.228), angle_sd=1e-3)
+    return Experiment(cradle, (Run(times, readings, release=release, noise=noise),))
+
+
+@pytest.mark.parametrize("error", [-0.002, 0.0, 0.002])
+@pytest.mark.parametrize("angle", [-0.2, 0.2])
+def test_an_angle_error_lifts_further_or_less_far(error, angle):
+    assert lifted_further(Release(angle=angle), error).angle == pytest.approx(angle * (1 + error / 0.2), abs=1e-15)
+    two = lifted_further(Release(angles={1: -0.2, 3: 0.2}), error).angles
+    assert two[1] == pytest.approx(-0.2 - error) and two[3] == pytest.approx(0.2 + error)
+
+
+@pytest.mark.parametrize("angle_error", [-0.0012, 0.0012])
+def test_the_mode_finds_the_truth_of_an_independent_simulator(angle_error):
+    likelihood = Likelihood(experiment(angle_error))
+    mode = find_mode(likelihood, seed=1)
+    found, sd = likelihood.values(mode.point), np.sqrt(np.diag(mode.covariance))
+    # Four standard deviations each: a chance of 1e-4 for an honest fit, none for one in a wrong mode of κ.
+    for k, (name, value) in enumerate(TRUE.items()):
+        assert abs(mode.point[k] - math.log(value)) < 4 * sd[k], name
+    assert abs(found["release_angle_error@1"] - angle_error) < 4 * sd[3]
+    assert mode.cost / 1442 == pytest.approx(1.0, abs=0.15)  # χ² of 1442 readings scatters by 0.04
+
+
+def test_missing_readings_do_not_count():
+    gap = slice(100, 400)
+    likelihood = Likelihood(experiment(lost=[(gap, 0)]))
+    whole = Likelihood(experiment())
+    assert len(whole.residuals(whole.start())) - len(likelihood.residuals(likelihood.start())) == 300
+
+
+def test_density_is_that_of_gaussian_noise():
+    likelihood = Likelihood(experiment())
+    point = likelihood.start()
+    run = likelihood.experiment.runs[0]
+    motion = simulate(likelihood.experiment.cradle, Release(angle=0.228), times=run.times)
+    residual = (run.readings - motion.theta) / 1e-3
+    expected = -0.5 * np.sum(residual**2) - residual.size * math.log(1e-3)
+    # The inference's longer integration steps change θ by 1e-7 rad, 1e-4 of the noise.
+    assert likelihood.log_density(point)[0] == pytest.approx(expected, rel=1e-5)
+
+
+def test_impossible_points_have_no_density():
+    likelihood = Likelihood(experiment())
+    point = likelihood.start()
+    point[3] = 3.0  # a release at 3.2 rad, on strings
+    assert likelihood.log_density(point)[0] == -math.inf
+    point = likelihood.start()
+    point[0] = 50.0  # k_f of e^50, beyond its bounds
+    assert likelihood.log_density(point)[0] == -math.inf
+
+
+def test_what_cannot_matter_is_left_out():
+    readings = np.zeros((50, 1)) + 0.1 * np.cos(np.arange(50))[:, None]
+    run = Run(np.arange(50) / 10, readings, release=ReleaseInfo(Release(angle=0.1)), noise=1e-3)
+    assert Likelihood(Experiment(Cradle(bobs=1, model="pendulum"), (run,))).names == ["b"]
+    assert Likelihood(Experiment(Cradle(bobs=1), (run,))).names == ["kappa", "b"]
+    with pytest.raises(ValueError, match="cannot matter"):
+        Likelihood(Experiment(Cradle(bobs=1, model="pendulum"), (run,)), parameters=("kappa",))
+    with pytest.raises(ValueError, match="did you mean 'kappa'"):
+        Likelihood(experiment(), parameters=("kapa",))
