@@ -18,7 +18,7 @@ from cradle_env.trajectory import IMPACT, Trajectory
 
 # Integration step as a fraction of 1/ω of the faster motion: 1e-10 rad over 10 s on elastic strings, see
 # tests/test_accuracy.py; on rigid ones it is the interpolation of the samples that sets it.
-_RADIAL_STEP, _ANGULAR_STEP = 0.5, 0.2
+_RADIAL_STEP, _ANGULAR_STEP = 0.45, 0.2
 # Dry friction changes sign within a hundredth of a period.
 _FRICTION_STEP = 0.05
 _EXHAUSTED = {
