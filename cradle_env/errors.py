@@ -7,6 +7,10 @@ import math
 from collections.abc import Iterable
 
 
+# An upper limit from here on only guards against slips of the pen; it is told to whoever passes it.
+_ABSURD = 1e9
+
+
 def unknown_key(what: str, key: str, known: Iterable[str]) -> str:
     """The message for a key that does not exist, with the nearest that does."""
     known = sorted(known)
@@ -34,7 +38,7 @@ def check_range(
         bounds = []
         if low > -math.inf:
             bounds.append(f"{'greater than' if above else 'at least'} {low:g}")
-        if high < math.inf:
+        if high < _ABSURD or number > high:
             bounds.append(f"at most {high:g}")
         allowed = " and ".join(bounds) or "finite"
         shown = f"{number:g} {unit}".rstrip()

@@ -174,9 +174,10 @@ def lifted_further(release: Release, error: float) -> Release:
     if error == 0.0:
         return release
     if release.angles is not None:
-        return dataclasses.replace(release, angles={i: a + error * math.copysign(1.0, a) for i, a in release.angles.items()})
+        further = {bob: angle + math.copysign(1.0, angle) * error for bob, angle in release.angles.items()}
+        return dataclasses.replace(release, angles=further)
     assert release.angle is not None
-    return dataclasses.replace(release, angle=release.angle + error * math.copysign(1.0, release.angle))
+    return dataclasses.replace(release, angle=release.angle + math.copysign(1.0, release.angle) * error)
 
 
 def rms(values: np.ndarray) -> float:

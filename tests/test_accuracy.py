@@ -61,7 +61,7 @@ def test_convergence_order_is_8(strings: str, impact: int) -> None:
         run = simulate(cradle, RELEASE, 3.0, ledger=False, step_factor=step_factor)
         return run.impacts["time"][impact - 1]
 
-    factors = 3.2 * 2.0 ** (-0.5 * np.arange(8))
+    factors = 1.6 / 0.45 * 2.0 ** (-0.5 * np.arange(8))  # steps of 1.6 to 0.14 rad of the radial motion
     errors = np.array([abs(instant(factor) - instant(0.1)) for factor in factors])
     used = (errors < 1e-6) & (errors > 1e-13)  # rounding is some 1e-15 s
     assert used.sum() >= 5
