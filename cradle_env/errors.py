@@ -6,7 +6,6 @@ import difflib
 import math
 from collections.abc import Iterable
 
-
 # An upper limit from here on only guards against slips of the pen; it is told to whoever passes it.
 _ABSURD = 1e9
 
