@@ -291,9 +291,13 @@ def convergence(chains: Chains) -> Convergence:
 
 
 def _autocorrelation(series: np.ndarray) -> float:
-    """Integrated autocorrelation time [steps] of the slowest column of (E, S, W, K), at least 1."""
+    """Integrated autocorrelation time [steps] of the slowest column of (E, S, W, K), at least 1.
+
+    Where a walker has not moved at all it cannot be told, and counts as the whole length.
+    """
     slowest = 1.0
     for ensemble in series:
-        tau = emcee.autocorr.integrated_time(ensemble, c=5, tol=0, quiet=True)
-        slowest = max(slowest, float(np.nanmax(tau)))
+        with np.errstate(invalid="ignore"):
+            tau = emcee.autocorr.integrated_time(ensemble, c=5, tol=0, quiet=True)
+        slowest = max(slowest, float(np.where(np.isfinite(tau), tau, len(ensemble)).max()))
     return slowest

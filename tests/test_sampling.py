@@ -89,6 +89,14 @@ def test_a_slow_chain_is_refused_with_its_autocorrelation_time():
     assert any("τ" in reason for reason in verdict.reasons)
 
 
+def test_a_walker_that_never_moved_is_no_converged_chain():
+    rng = np.random.default_rng(2)
+    chain = rng.standard_normal((2, 600, 16, 1))
+    chain[0, :, 3] = 0.1
+    verdict = convergence(Chains(chain, np.zeros(chain.shape[:3]), np.full(chain.shape[:3], np.nan)))
+    assert not verdict.converged and any("τ" in reason for reason in verdict.reasons)
+
+
 def test_chains_of_other_data_are_refused(tmp_path):
     chains(tmp_path, 60)
     other = Gaussian()
