@@ -299,5 +299,6 @@ def _autocorrelation(series: np.ndarray) -> float:
     for ensemble in series:
         with np.errstate(invalid="ignore"):
             tau = emcee.autocorr.integrated_time(ensemble, c=5, tol=0, quiet=True)
-        slowest = max(slowest, float(np.where(np.isfinite(tau), tau, len(ensemble)).max()))
+        stuck = (ensemble.max(axis=0) == ensemble.min(axis=0)).any(axis=0)
+        slowest = max(slowest, float(np.where(stuck, len(ensemble), tau).max()))
     return slowest
