@@ -215,19 +215,20 @@ class Posterior:
         import xarray
 
         path = Path(path)
-        E, S, W, D = self.chain.shape
-        by_chain = np.swapaxes(self.chain, 1, 2).reshape(E * W, S, D)
+        E, S, W, _ = self.chain.shape
+        # Walkers move by each other's positions: one ensemble is one chain, its draws step by step.
         dims = ("chain", "draw")
-        data = {u.name: (dims, u.value(by_chain[..., k])) for k, u in enumerate(self.unknowns)}
+        flat = self.chain.reshape(E, S * W, -1)
+        data = {u.name: (dims, u.value(flat[..., k])) for k, u in enumerate(self.unknowns)}
         if self.newton_exponents is not None:
-            data["lambda"] = (dims, np.swapaxes(self.newton_exponents, 1, 2).reshape(E * W, S))
-        posterior = xarray.Dataset(data, coords={"chain": np.arange(E * W), "draw": np.arange(S)})
+            data["lambda"] = (dims, self.newton_exponents.reshape(E, S * W))
+        posterior = xarray.Dataset(data, coords={"chain": np.arange(E), "draw": np.arange(S * W)})
         for u in self.unknowns:
             posterior[u.name].attrs["units"] = u.unit
-        stats = xarray.Dataset({"lp": (dims, np.swapaxes(self.log_density, 1, 2).reshape(E * W, S))})
+        stats = xarray.Dataset({"lp": (dims, self.log_density.reshape(E, S * W))})
         posterior.attrs |= {
             "format": FORMAT,
-            "ensembles": E,
+            "walkers": W,
             "seed": self.seed,
             "experiment": json.dumps(self.experiment_files()),
             "convergence": json.dumps(dataclasses.asdict(self.convergence)),
@@ -266,11 +267,10 @@ class Posterior:
                 (Path(folder) / name).write_text(text, encoding="utf-8")
             experiment = Experiment.load(Path(folder) / "experiment.toml")
         likelihood = Likelihood(experiment, workers=workers)
-        E = int(posterior.attrs["ensembles"])
+        W = int(posterior.attrs["walkers"])
 
         def shaped(values: np.ndarray) -> np.ndarray:
-            chains, draws = values.shape
-            return np.swapaxes(values.reshape(E, chains // E, draws), 1, 2)
+            return values.reshape(len(values), -1, W)
 
         coordinates = [
             shaped(np.log(posterior[u.name].values) if u.log else posterior[u.name].values) for u in likelihood.unknowns
