@@ -45,7 +45,7 @@ class Experiment:
             check_prior(self.cradle, name, prior)
         object.__setattr__(self, "infer", MappingProxyType(dict(self.infer)))
         if not self.digest:
-            object.__setattr__(self, "digest", _digest(*(text.encode() for text in self._texts().values())))
+            object.__setattr__(self, "digest", _digest(*(text.encode() for text in self.texts().values())))
 
     def cradle_of(self, run: Run) -> Cradle:
         """The cradle with the δ of one run."""
@@ -83,12 +83,12 @@ class Experiment:
 
     def save(self, directory: str | Path) -> Path:
         """Writes experiment.toml and its data into a folder, in SI units; the path of experiment.toml."""
-        texts = self._texts()
+        texts = self.texts()
         description = texts.pop(FILE_NAME)
         write_together(Path(directory), {**texts, FILE_NAME: description})
         return Path(directory) / FILE_NAME
 
-    def _texts(self) -> dict[str, str]:
+    def texts(self) -> dict[str, str]:
         """The files of the experiment by name, experiment.toml first."""
         description = experiment_text(self.cradle, self.runs, self.infer, self.unknown_effect_parameters)
         texts = {FILE_NAME: description}

@@ -230,7 +230,7 @@ class Posterior:
             "format": FORMAT,
             "walkers": W,
             "seed": self.seed,
-            "experiment": json.dumps(self.experiment_files()),
+            "experiment": json.dumps(self.experiment.texts()),
             "convergence": json.dumps(dataclasses.asdict(self.convergence)),
             "gap": json.dumps([self.gap.train, self.gap.held_out, {k: v.tolist() for k, v in self.gap.rms.items()}]),
         }
@@ -240,10 +240,6 @@ class Posterior:
         stats.to_netcdf(temporary, mode="a", group="sample_stats", engine="h5netcdf")
         os.replace(temporary, path)
         return path
-
-    def experiment_files(self) -> dict[str, str]:
-        """The experiment as text files by name, so that a saved posterior carries it along."""
-        return self.experiment._texts()
 
     @classmethod
     def load(cls, path: str | Path, workers: int | None = None) -> Posterior:

@@ -133,4 +133,4 @@ def _experiment_text(posterior: Posterior) -> str:
     path = posterior.experiment.path
     if path is not None and path.is_file():
         return path.read_text(encoding="utf-8-sig")
-    return posterior.experiment_files()["experiment.toml"]
+    return posterior.experiment.texts()["experiment.toml"]

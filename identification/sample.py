@@ -24,6 +24,9 @@ ENSEMBLES = 2
 RHAT, ESS, TAUS = 1.01, 400.0, 50.0
 #: Seconds between checkpoints, about: what a kill can lose.
 _CHECKPOINT = 8.0
+# Steps after which the proposals are adapted to the chains; samples before the last of them are burn-in, for a chain
+# must not adapt to itself. There is no verdict before the first.
+_ADAPTATIONS = (40, 240)
 #: The walkers start this many times as wide as the mode: from outside in.
 _OVERDISPERSION = 1.5
 
@@ -190,11 +193,6 @@ def sample(
         took = time.monotonic() - start
         stretch = max(1, min(4 * stretch, round(stretch * _CHECKPOINT / max(took, 1e-3))))
         _tell(progress, likelihood, checkpoint, goal, steps, done, done - first, time.monotonic() - began)
-
-
-#: Steps after which the proposals are adapted to the chains; samples before the last of them are burn-in, for a chain
-#: must not adapt to itself. There is no verdict before the first.
-_ADAPTATIONS = (40, 240)
 
 
 def _tell(progress, likelihood, checkpoint, goal, steps, done, new, seconds) -> None:
