@@ -30,7 +30,9 @@ def _curve(cradle: Cradle, speeds: np.ndarray) -> np.ndarray:
     speeds = np.atleast_1d(np.ascontiguousarray(speeds, dtype=float))
     if not (np.isfinite(speeds) & (speeds > 0.0)).all():
         raise ValueError("impact speeds must be finite and greater than 0 m/s")
-    return restitution.curve(record[0], restitution.universal_curves(), 0.5 * cradle.mass, speeds)
+    curve = np.empty((len(speeds), 2))
+    restitution.curve(record[0], restitution.universal_curves(), 0.5 * cradle.mass, speeds, curve)
+    return curve
 
 
 def restitution_curve(cradle: Cradle, speeds: np.ndarray) -> np.ndarray:

@@ -12,7 +12,7 @@ from cradle_env.mechanics.contact import pair
 from cradle_env.mechanics.flight import plan
 from cradle_env.mechanics.forces import radius_and_speed
 from cradle_env.mechanics.impact import chain, settle, settle_resolved, two_body
-from cradle_env.mechanics.jit import entry, jit
+from cradle_env.mechanics.jit import entry, jit, part
 from cradle_env.mechanics.meeting import locate, predict, step_to, touching
 from cradle_env.mechanics.motion import between, derivative
 from cradle_env.mechanics.parameters import (
@@ -94,7 +94,7 @@ def run(cradle, bobs, table, S, W, until, times, motion, energy, impacts, count)
     return DONE, count
 
 
-@jit
+@part
 def begin(cradle, bobs, S, W):
     """Lays the first segments from START at T0 and finds which contacts persist. Returns whether all is finite."""
     n = len(bobs)
@@ -107,7 +107,7 @@ def begin(cradle, bobs, S, W):
     return fly_on(cradle, bobs, S, W, first, n)
 
 
-@jit
+@part
 def next_event(S):
     """(bob, end) of the segment that ends first, (pair, instant) of the meeting that comes first."""
     bob, p, end, meeting = 0, 0, S[0, T1], S[0, MEETING]
@@ -132,7 +132,7 @@ def fly_on(cradle, bobs, S, W, lo, hi):
     return True
 
 
-@jit
+@part
 def finish(cradle, bobs, S, W, bob, times, motion, energy):
     """Ends the segment of a bob's group where it was planned to end. Returns the range of bobs to fly on."""
     lo, hi = int(S[bob, FIRST]), int(S[bob, LAST])

@@ -4,7 +4,7 @@ import math
 
 from cradle_env.mechanics.contact import blow_speed, close_gaps, pair, stiffness
 from cradle_env.mechanics.forces import radial_acceleration, radius_and_speed
-from cradle_env.mechanics.jit import jit
+from cradle_env.mechanics.jit import jit, part
 from cradle_env.mechanics.motion import derivative, step
 from cradle_env.mechanics.parameters import (
     BRANCH,
@@ -86,7 +86,7 @@ def _fly(cradle, bobs, S, W, lo, hi, h):
     derivative(cradle, bobs, S, W, lo, hi, S[lo, T0] + h, S, END, S, RATE1)
 
 
-@jit
+@part
 def contact_step(cradle, bobs, S, lo, hi, h):
     """The step [s] that follows the resolved contacts of a group, at most h."""
     for p in range(lo, hi - 1):
@@ -99,7 +99,7 @@ def contact_step(cradle, bobs, S, lo, hi, h):
     return h
 
 
-@jit
+@part
 def string_event(cradle, bob, S, i, h):
     """(instant, kind) of the first string event of bob i on a segment of h [s]; (h, GRID) where there is none."""
     when, kind, branch = h, GRID, S[i, BRANCH]
@@ -159,7 +159,7 @@ def _cubic(f0, d0, f1, d1, h, u):
     return v * v * ((1.0 + 2.0 * u) * f0 + h * u * d0) + u * u * ((1.0 + 2.0 * v) * f1 - h * v * d1)
 
 
-@jit
+@part
 def _fly_to_string_event(cradle, bobs, S, W, lo, hi, h, full, cause, whose):
     """Ends the segment at the string event found near h; Newton's method from the interpolated root."""
     tolerance = _TURN_TOLERANCE if cause == TURN else _TAUT_TOLERANCE
@@ -175,7 +175,7 @@ def _fly_to_string_event(cradle, bobs, S, W, lo, hi, h, full, cause, whose):
     return h
 
 
-@jit
+@part
 def _parted(cradle, bobs, S, W, p):
     """Whether a contact of pair p has ended at the end of its segment."""
     if S[p, LINK] == PRESSED:
@@ -183,7 +183,7 @@ def _parted(cradle, bobs, S, W, p):
     return S[p, LINK] == RESOLVED and pair(cradle, bobs, p, S, END)[0] > 0.0
 
 
-@jit
+@part
 def _fly_to_parting(cradle, bobs, S, W, lo, hi, h, p):
     """Ends the segment where the force of persistent contact p, or the overlap of a resolved one, reaches zero."""
     low, high, mid = 0.0, h, h

@@ -13,7 +13,9 @@ from pathlib import Path
 import numba
 
 # The numpy error model drops a branch per division; contracted multiply-adds are deterministic on one machine.
-_OPTIONS = {"nogil": True, "error_model": "numpy", "fastmath": {"contract"}}
+# Kernels allocate nothing, and without numba's runtime no array is counted at every call: nearly twice as fast.
+_OPTIONS = {"nogil": True, "error_model": "numpy", "fastmath": {"contract"}, "_nrt": False}
+_INNER = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True, **_OPTIONS}
 
 
 def _cache_folder() -> str | None:
@@ -40,12 +42,17 @@ _FOLDER = _cache_folder()
 
 def jit(function):
     """Compiles a kernel that other kernels call."""
-    return numba.njit(no_cpython_wrapper=True, no_cfunc_wrapper=True, **_OPTIONS)(function)
+    return numba.njit(**_INNER)(function)
 
 
 def leaf(function):
-    """Compiles a small kernel into each of its callers."""
-    return numba.njit(no_cpython_wrapper=True, no_cfunc_wrapper=True, inline="always", **_OPTIONS)(function)
+    """Compiles a small kernel whose machine code goes into each of its callers."""
+    return numba.njit(forceinline=True, **_INNER)(function)
+
+
+def part(function):
+    """Compiles a kernel as a part of its one caller, which takes less time than a kernel of its own."""
+    return numba.njit(inline="always", **_INNER)(function)
 
 
 def entry(function):

@@ -3,7 +3,7 @@
 import math
 
 from cradle_env.mechanics.contact import CONTACT, TOUCHING, pair, pair_at
-from cradle_env.mechanics.jit import jit
+from cradle_env.mechanics.jit import jit, part
 from cradle_env.mechanics.motion import between, step
 from cradle_env.mechanics.parameters import FIRST, LAST, LINK, MEETING, OPEN, OUT, T0, T1
 
@@ -52,7 +52,7 @@ def predict(cradle, bobs, S, p):
     return closing(cradle, bobs, S, p, low, high, 0.0)
 
 
-@jit
+@part
 def turning_point(cradle, bobs, S, p, low, high, sign):
     """The instant [s], to 1e-9, at which the opening speed of pair p takes on the given sign."""
     while high - low > 1e-9:
@@ -89,7 +89,7 @@ def step_to(cradle, bobs, S, W, i, t):
     step(cradle, bobs, S, W, int(S[i, FIRST]), int(S[i, LAST]), t - S[i, T0])
 
 
-@jit
+@part
 def locate(cradle, bobs, S, W, p):
     """The instant [s] at which pair p touches, by Newton's method on the integrated motion: from the interpolated
     instant, two steps reach rounding."""

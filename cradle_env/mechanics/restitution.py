@@ -62,8 +62,7 @@ def pair_impact(A):
 
 
 @entry
-def _tabulate():
-    table = np.empty((_INTERVALS, 2))
+def _tabulate(table):
     for i in range(_INTERVALS):
         u = i / _INTERVALS
         z = u / (1.0 - u)
@@ -71,7 +70,6 @@ def _tabulate():
         # e falls as A^(-5/3): with that taken out, the tabulated function is of order 1 everywhere.
         table[i, 0] = e / (1.0 - u) ** (10.0 / 3.0)
         table[i, 1] = t
-    return table
 
 
 _TABLE = None
@@ -81,7 +79,8 @@ def universal_curves() -> np.ndarray:
     """The tabulated curves, shape (nodes, 2): computed once per process, then read by every kernel."""
     global _TABLE
     if _TABLE is None:
-        _TABLE = _tabulate()
+        _TABLE = np.empty((_INTERVALS, 2))
+        _tabulate(_TABLE)
     return _TABLE
 
 
@@ -125,16 +124,14 @@ def restitution(cradle, table, m_eff, v):
 
 
 @entry
-def curve(cradle, table, m_eff, speeds):
-    """(e, contact time [s]) at each speed [m/s], shape (len(speeds), 2)."""
-    out = np.empty((len(speeds), 2))
+def curve(cradle, table, m_eff, speeds, out):
+    """(e, contact time [s]) at each speed [m/s] into `out`, shape (len(speeds), 2)."""
     for k, v in enumerate(speeds):
         A = equivalent_dissipation(cradle, table, m_eff, v)
         z = math.sqrt(A)
         t0 = (m_eff / cradle.k_el) ** 0.4 * v**-0.2
         out[k, 0] = restitution(cradle, table, m_eff, v)
         out[k, 1] = _interpolate(table, 1, z / (1.0 + z)) * t0
-    return out
 
 
 @jit
