@@ -202,7 +202,7 @@ def equilibrium(cradle: Cradle) -> tuple[np.ndarray, np.ndarray]:
     c, bobs = records(cradle)
     S, W = np.zeros((cradle.bobs, p.COLUMNS)), np.zeros((cradle.bobs, p.SCRATCH))
     start.at_rest(c[0], bobs, np.full(cradle.bobs, np.nan), False, S, W)
-    x, z = S[:, p.START], S[:, p.START + 1]
+    x, z = S[:, p.START] - bobs["pivot"], S[:, p.START + 1]
     if not c["elastic"][0]:
-        return x.copy(), bobs["length"].copy()
+        return S[:, p.START].copy(), bobs["length"].copy()
     return np.arctan2(x, -z), np.hypot(x, z)

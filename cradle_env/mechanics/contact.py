@@ -10,9 +10,12 @@ M is 1/m on elastic strings; a rigid string lets a bob move along its tangent on
 
 import math
 
+from cradle_env.mechanics.forces import pivot_at
 from cradle_env.mechanics.jit import jit, leaf
 from cradle_env.mechanics.parameters import (
     ACTIVE,
+    BROUGHT,
+    CONTACT_LOSS,
     DIAGONAL,
     FORCE,
     LINK,
@@ -36,22 +39,22 @@ LEAST_BOUNCE = 1e-6
 
 
 @jit
-def place(cradle, bob, x, z, vx, vz):
-    """Position and velocity (x, z, v_x, v_z) of a bob in the plane, SI, z upwards from the pivots."""
+def place(cradle, bob, t, x, z, vx, vz):
+    """Position and velocity (x, z, v_x, v_z) of a bob in the room at time t [s], SI, z upwards from the pivots."""
     if cradle.elastic:
-        return bob.pivot + x, z, vx, vz
-    v = bob.length * vx
+        return x, z, vx, vz
+    v, pivot = bob.length * vx, pivot_at(bob, t)
     if cradle.large_angle:
         sin, cos = math.sin(x), math.cos(x)
-        return bob.pivot + bob.length * sin, -bob.length * cos, v * cos, v * sin
-    return bob.pivot + bob.length * x, 0.0, v, 0.0
+        return pivot + bob.length * sin, -bob.length * cos, v * cos + bob.drive, v * sin
+    return pivot + bob.length * x, 0.0, v + bob.drive, 0.0
 
 
 @jit
-def pair_at(cradle, bobs, p, x0, z0, vx0, vz0, x1, z1, vx1, vz1):
+def pair_at(cradle, bobs, p, t, x0, z0, vx0, vz0, x1, z1, vx1, vz1):
     """`pair` for the states of the two bobs."""
-    x0, z0, vx0, vz0 = place(cradle, bobs[p], x0, z0, vx0, vz0)
-    x1, z1, vx1, vz1 = place(cradle, bobs[p + 1], x1, z1, vx1, vz1)
+    x0, z0, vx0, vz0 = place(cradle, bobs[p], t, x0, z0, vx0, vz0)
+    x1, z1, vx1, vz1 = place(cradle, bobs[p + 1], t, x1, z1, vx1, vz1)
     dx, dz, vx, vz = x1 - x0, z1 - z0, vx1 - vx0, vz1 - vz0
     distance = math.sqrt(dx * dx + dz * dz)
     nx, nz = dx / distance, dz / distance
@@ -60,15 +63,15 @@ def pair_at(cradle, bobs, p, x0, z0, vx0, vz0, x1, z1, vx1, vz1):
 
 
 @jit
-def pair(cradle, bobs, p, A, c):
-    """(gap, n_x, n_z, v_n, v_t^2 / distance) of bobs p and p + 1, their motion in A from column c on.
+def pair(cradle, bobs, p, t, A, c):
+    """(gap, n_x, n_z, v_n, v_t^2 / distance) of bobs p and p + 1, their motion at t [s] in A from column c on.
 
     gap [m] between the surfaces, unit vector from p to p + 1, speed [m/s] at which the gap opens, and the
     centripetal term [m/s^2] with which it opens at constant velocities.
     """
     q = p + 1
     return pair_at(
-        cradle, bobs, p,
+        cradle, bobs, p, t,
         A[p, c], A[p, c + 1], A[p, c + 2], A[p, c + 3], A[q, c], A[q, c + 1], A[q, c + 2], A[q, c + 3],
     )  # fmt: skip
 
@@ -97,24 +100,29 @@ def yielding(cradle, bobs, p, A, c, nx, nz):
 
 
 @leaf
-def push(cradle, bobs, i, A, c, T, k, jx, jz):
-    """Adds M j to two components of bob i, T[i, k] and T[i, k + 1]; its motion stands in A from column c on.
+def push(cradle, bobs, i, A, c, T, block, offset, jx, jz):
+    """Adds M j to two components of bob i, from T[i, block + offset] on; its motion stands in A from column c on.
 
-    j is an impulse where T holds velocities, a force for accelerations, kg m for coordinates.
+    j [kg m/s or N] changes velocities or accelerations (offset 2), j [kg m] coordinates (offset 0). A rigid string
+    takes up what of j lies along it; on a pivot that moves, this brings in energy.
     """
+    k = block + offset
     if cradle.elastic:
         T[i, k] += jx * bobs[i].mobility
         T[i, k + 1] += jz * bobs[i].mobility
     else:
         tx, tz = tangent(cradle, A[i, c])
-        T[i, k] += (jx * tx + jz * tz) * bobs[i].mobility / bobs[i].length
+        along = jx * tx + jz * tz
+        T[i, k] += along * bobs[i].mobility / bobs[i].length
+        if offset == 2:
+            T[i, block + BROUGHT] += bobs[i].drive * (along * tx - jx)
 
 
 @leaf
-def push_apart(cradle, bobs, p, A, c, T, k, nx, nz, j):
+def push_apart(cradle, bobs, p, A, c, T, block, offset, nx, nz, j):
     """Pushes the bobs of pair p apart by j along n; see `push`."""
-    push(cradle, bobs, p, A, c, T, k, -j * nx, -j * nz)
-    push(cradle, bobs, p + 1, A, c, T, k, j * nx, j * nz)
+    push(cradle, bobs, p, A, c, T, block, offset, -j * nx, -j * nz)
+    push(cradle, bobs, p + 1, A, c, T, block, offset, j * nx, j * nz)
 
 
 @leaf
@@ -137,10 +145,10 @@ def opening(cradle, bobs, p, A, c, R, rate, nx, nz, spread):
 
 
 @jit
-def set_normals(cradle, bobs, lo, hi, A, c, W):
-    """Sets the unit vectors n_p of the pairs of bobs lo..hi-1, which solve_chain and apply_chain read."""
+def set_normals(cradle, bobs, lo, hi, t, A, c, W):
+    """Sets the unit vectors n_p of the pairs of bobs lo..hi-1 at time t [s], for solve_chain and apply_chain."""
     for p in range(lo, hi - 1):
-        _, W[p, N_X], W[p, N_Z], _, _ = pair(cradle, bobs, p, A, c)
+        _, W[p, N_X], W[p, N_Z], _, _ = pair(cradle, bobs, p, t, A, c)
 
 
 @jit
@@ -177,11 +185,11 @@ def solve_chain(cradle, bobs, lo, hi, A, c, W):
 
 
 @jit
-def apply_chain(cradle, bobs, lo, hi, A, c, W, T, k):
+def apply_chain(cradle, bobs, lo, hi, A, c, W, T, block, offset):
     """Pushes the bobs of every pair apart by W[p, SOLUTION] along n_p; see `push`."""
     for p in range(lo, hi - 1):
         if W[p, SOLUTION] != 0.0:
-            push_apart(cradle, bobs, p, A, c, T, k, W[p, N_X], W[p, N_Z], W[p, SOLUTION])
+            push_apart(cradle, bobs, p, A, c, T, block, offset, W[p, N_X], W[p, N_Z], W[p, SOLUTION])
 
 
 @jit
@@ -209,8 +217,8 @@ def blow_speed(cradle, bobs, p, gap, v_n):
 
 
 @jit
-def contact_forces(cradle, bobs, lo, hi, S, W, A, c, R, rate):
-    """Adds the contact forces within a group to its derivative and leaves them in W[:, FORCE] [N].
+def contact_forces(cradle, bobs, lo, hi, S, W, t, A, c, R, rate):
+    """Adds the contact forces within a group at time t [s] to its derivative and leaves them in W[:, FORCE] [N].
 
     Persistent contacts: the force that keeps the gap closed, whatever its sign (the loop ends a contact whose
     force turns negative). Resolved contacts: eq. 1, never attractive; what it takes is booked with bob p.
@@ -221,34 +229,34 @@ def contact_forces(cradle, bobs, lo, hi, S, W, A, c, R, rate):
         if S[p, LINK] == PRESSED:
             pressed = True
         elif S[p, LINK] == RESOLVED:
-            gap, nx, nz, v_n, _ = pair(cradle, bobs, p, A, c)
+            gap, nx, nz, v_n, _ = pair(cradle, bobs, p, t, A, c)
             force = kuwabara_kono(cradle, -gap, -v_n)
-            push_apart(cradle, bobs, p, A, c, R, rate + 2, nx, nz, force)
-            R[p, rate + 5] = -force * v_n
+            push_apart(cradle, bobs, p, A, c, R, rate, 2, nx, nz, force)
+            R[p, rate + CONTACT_LOSS] = -force * v_n
             W[p, FORCE] = force
     if pressed:
         for p in range(lo, hi - 1):
             W[p, ACTIVE] = S[p, LINK] == PRESSED
             if W[p, ACTIVE] != 0.0:
-                _, nx, nz, _, spread = pair(cradle, bobs, p, A, c)
+                _, nx, nz, _, spread = pair(cradle, bobs, p, t, A, c)
                 W[p, N_X], W[p, N_Z] = nx, nz
                 W[p, WANTED] = -opening(cradle, bobs, p, A, c, R, rate, nx, nz, spread)
         solve_chain(cradle, bobs, lo, hi, A, c, W)
-        apply_chain(cradle, bobs, lo, hi, A, c, W, R, rate + 2)
+        apply_chain(cradle, bobs, lo, hi, A, c, W, R, rate, 2)
         for p in range(lo, hi - 1):
             if W[p, ACTIVE] != 0.0:
                 W[p, FORCE] = W[p, SOLUTION]
 
 
 @jit
-def close_gaps(cradle, bobs, lo, hi, S, W, c):
+def close_gaps(cradle, bobs, lo, hi, S, W, t, c):
     """Takes out what integration leaves of gap and opening speed (some 1e-13) in the persistent contacts of the
-    bobs lo..hi-1, whose motion stands in S from column c on."""
-    set_normals(cradle, bobs, lo, hi, S, c, W)
+    bobs lo..hi-1, whose motion at t [s] stands in S from column c on."""
+    set_normals(cradle, bobs, lo, hi, t, S, c, W)
     for offset in (0, 2):
         for p in range(lo, hi - 1):
             W[p, ACTIVE] = S[p, LINK] == PRESSED
-            gap, _, _, v_n, _ = pair(cradle, bobs, p, S, c)
+            gap, _, _, v_n, _ = pair(cradle, bobs, p, t, S, c)
             W[p, WANTED] = -gap if offset == 0 else -v_n
         solve_chain(cradle, bobs, lo, hi, S, c, W)
-        apply_chain(cradle, bobs, lo, hi, S, c, W, S, c + offset)
+        apply_chain(cradle, bobs, lo, hi, S, c, W, S, c, offset)

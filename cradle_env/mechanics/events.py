@@ -10,14 +10,16 @@ import numpy as np
 
 from cradle_env.mechanics.contact import pair
 from cradle_env.mechanics.flight import plan
-from cradle_env.mechanics.forces import radius_and_speed
+from cradle_env.mechanics.forces import pivot_at, radius_and_speed
 from cradle_env.mechanics.impact import chain, settle, settle_resolved, two_body
 from cradle_env.mechanics.jit import entry, jit, part
 from cradle_env.mechanics.meeting import locate, predict, step_to, touching
-from cradle_env.mechanics.motion import between, derivative
+from cradle_env.mechanics.motion import between, derivative, energy_between
 from cradle_env.mechanics.parameters import (
     BRANCH,
+    CONTACT_LOSS,
     DIM,
+    DRAG,
     DUE,
     END,
     FIRST,
@@ -158,7 +160,7 @@ def arrive(cradle, bobs, S, i, t, A, c, times, motion, energy):
     """Makes the motion in A, from column c on, bob i's new start at time t [s]; takes the samples due before."""
     sample(cradle, bobs, S, i, t, np.False_, times, motion, energy)
     if cradle.elastic:
-        S[i, WORK] += string_work(cradle, bobs[i], S, i, radius_and_speed(cradle, bobs[i], A, i, c)[0])
+        S[i, WORK] += string_work(cradle, bobs[i], S, i, radius_and_speed(cradle, bobs[i], t, A, i, c)[0])
     for k in range(DIM):
         S[i, START + k] = A[i, c + k]
     S[i, T0] = t
@@ -167,7 +169,7 @@ def arrive(cradle, bobs, S, i, t, A, c, times, motion, energy):
 @jit
 def turn_string(cradle, bob, S, i, direction):
     """Switches the branch of bob i's strings for a radius that goes in `direction`; books what they lost."""
-    s = stretch(bob, radius_and_speed(cradle, bob, S, i, START)[0] ** 2)
+    s = stretch(bob, radius_and_speed(cradle, bob, S[i, T0], S, i, START)[0] ** 2)
     if S[i, BRANCH] == SLACK or cradle.hysteretic == 0 or (S[i, BRANCH] == UNLOADING and s < 1e-9):
         s = 0.0  # at the event of zero stretch, located to rounding
     if turn(cradle, bob, S, i, s, direction):
@@ -181,7 +183,7 @@ def turn_after_impact(cradle, bobs, S, lo, hi):
     """Puts the strings of the bobs lo..hi-1, whose velocities have jumped, on the branch of their new motion."""
     if cradle.hysteretic:
         for i in range(lo, hi):
-            v = radius_and_speed(cradle, bobs[i], S, i, START)[1]
+            v = radius_and_speed(cradle, bobs[i], S[i, T0], S, i, START)[1]
             if v != 0.0 and S[i, BRANCH] != SLACK:
                 turn_string(cradle, bobs[i], S, i, v)
 
@@ -189,7 +191,7 @@ def turn_after_impact(cradle, bobs, S, lo, hi):
 @jit
 def string_work(cradle, bob, S, i, r):
     """Energy [J] that bob i's strings take from the start of its segment to radius r [m]."""
-    r0 = radius_and_speed(cradle, bob, S, i, START)[0]
+    r0 = radius_and_speed(cradle, bob, S[i, T0], S, i, START)[0]
     return work_between(bob, S[i, BRANCH], S[i, S_REF], S[i, T_REF], r0, r)
 
 
@@ -198,9 +200,11 @@ def sample(cradle, bobs, S, i, until, inclusive, times, motion, energy):
     """Takes the samples of bob i due before `until` [s] from its current segment."""
     k = int(S[i, SAMPLED])
     while k < len(times) and (times[k] < until or (inclusive and times[k] == until)):
-        x, z, vx, vz, drag, contact = between(S, i, times[k])
+        x, z, vx, vz = between(S, i, times[k])
         strings = 0.0
         if cradle.elastic:
+            x -= pivot_at(bobs[i], times[k])
+            vx -= bobs[i].drive
             r = math.sqrt(x * x + z * z)
             motion[k, i, 0], motion[k, i, 1] = math.atan2(x, -z), r
             motion[k, i, 2], motion[k, i, 3] = (x * vz - z * vx) / (r * r), (x * vx + z * vz) / r
@@ -209,7 +213,9 @@ def sample(cradle, bobs, S, i, until, inclusive, times, motion, energy):
         else:
             motion[k, i, 0], motion[k, i, 1], motion[k, i, 2], motion[k, i, 3] = x, bobs[i].length, vx, 0.0
         if len(energy) > 0:
-            energy[k, i, 0], energy[k, i, 1], energy[k, i, 2], energy[k, i, 3] = drag, contact, strings, S[i, LOST]
+            energy[k, i, 0] = energy_between(S, i, DRAG, times[k])
+            energy[k, i, 1] = energy_between(S, i, CONTACT_LOSS, times[k])
+            energy[k, i, 2], energy[k, i, 3] = strings, S[i, LOST]
         k += 1
     S[i, SAMPLED] = k
 
@@ -247,7 +253,7 @@ def meet(cradle, bobs, table, S, W, p, times, motion, energy, impacts, count):
     for q in range(a, b - 1):
         W[q, LOSS] = 0.0
         impacts[count + q - a, 0], impacts[count + q - a, 1] = t, q
-        impacts[count + q - a, 2] = 0.0 - pair(cradle, bobs, q, S, START)[3]
+        impacts[count + q - a, 2] = 0.0 - pair(cradle, bobs, q, t, S, START)[3]
         S[q, IMPACTS] += 1.0
     S[p, MULTI_BODY] += b - a > 2
     if cradle.contact_scale > 0.0:

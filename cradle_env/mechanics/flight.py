@@ -61,12 +61,12 @@ def plan(cradle, bobs, S, W, lo, hi):
             h = _fly_to_string_event(cradle, bobs, S, W, lo, hi, h, full, cause, whose)
 
     for p in range(lo, hi - 1):
-        if _parted(cradle, bobs, S, W, p):
+        if _parted(cradle, bobs, S, W, p, h):
             h = _fly_to_parting(cradle, bobs, S, W, lo, hi, h, p)
             cause, whose = (RELEASE if S[p, LINK] == PRESSED else PART), p
 
     if hi - lo > 1:
-        close_gaps(cradle, bobs, lo, hi, S, W, END)
+        close_gaps(cradle, bobs, lo, hi, S, W, t + h, END)
     finite = True
     for i in range(lo, hi):
         S[i, T1] = grid if h == grid - t else t + h
@@ -91,7 +91,7 @@ def contact_step(cradle, bobs, S, lo, hi, h):
     """The step [s] that follows the resolved contacts of a group, at most h."""
     for p in range(lo, hi - 1):
         if S[p, LINK] == RESOLVED:
-            gap, _, _, v_n, _ = pair(cradle, bobs, p, S, START)
+            gap, _, _, v_n, _ = pair(cradle, bobs, p, S[p, T0], S, START)
             v = blow_speed(cradle, bobs, p, gap, v_n)
             if v > 0.0:
                 m = bobs[p].mass * bobs[p + 1].mass / (bobs[p].mass + bobs[p + 1].mass)
@@ -103,17 +103,17 @@ def contact_step(cradle, bobs, S, lo, hi, h):
 def string_event(cradle, bob, S, i, h):
     """(instant, kind) of the first string event of bob i on a segment of h [s]; (h, GRID) where there is none."""
     when, kind, branch = h, GRID, S[i, BRANCH]
-    s0, u0 = string_quantity(cradle, bob, S, i, START, RATE0, TAUT)
-    s1, u1 = string_quantity(cradle, bob, S, i, END, RATE1, TAUT)
+    s0, u0 = string_quantity(cradle, bob, S[i, T0], S, i, START, RATE0, TAUT)
+    s1, u1 = string_quantity(cradle, bob, S[i, T0] + h, S, i, END, RATE1, TAUT)
     dips = branch != SLACK and u0 < 0.0 and u1 > 0.0 and s0 < -u0 * h  # slack and taut again in one step?
     if s1 < 0.0 or dips:
         at = first_crossing(s0, u0, s1, u1, h)
         if s1 < 0.0 or at < h:
             when, kind = at, TAUT
     if cradle.hysteretic and branch != SLACK:
-        v1, a1 = string_quantity(cradle, bob, S, i, END, RATE1, TURN)
+        v1, a1 = string_quantity(cradle, bob, S[i, T0] + h, S, i, END, RATE1, TURN)
         if v1 < -_LEAST_SPEED or kind == TAUT:
-            v0, a0 = string_quantity(cradle, bob, S, i, START, RATE0, TURN)
+            v0, a0 = string_quantity(cradle, bob, S[i, T0], S, i, START, RATE0, TURN)
             at = first_crossing(v0, a0, v1, a1, h)
             if at < when:
                 when, kind = at, TURN
@@ -121,12 +121,12 @@ def string_event(cradle, bob, S, i, h):
 
 
 @jit
-def string_quantity(cradle, bob, S, i, c, rate, kind):
-    """(value, slope) of what turns negative when the string of bob i has the event `kind`."""
-    r, v = radius_and_speed(cradle, bob, S, i, c)
+def string_quantity(cradle, bob, t, S, i, c, rate, kind):
+    """(value, slope) at time t [s] of what turns negative when the string of bob i has the event `kind`."""
+    r, v = radius_and_speed(cradle, bob, t, S, i, c)
     if kind == TURN:
         sign = 1.0 if S[i, BRANCH] == LOADING else -1.0
-        return sign * v, sign * radial_acceleration(S, i, c, rate)
+        return sign * v, sign * radial_acceleration(bob, t, S, i, c, rate)
     sign = -1.0 if S[i, BRANCH] == SLACK else 1.0
     return sign * stretch(bob, r * r), sign * v * r / math.sqrt(r * r + bob.half_spacing * bob.half_spacing)
 
@@ -165,7 +165,7 @@ def _fly_to_string_event(cradle, bobs, S, W, lo, hi, h, full, cause, whose):
     tolerance = _TURN_TOLERANCE if cause == TURN else _TAUT_TOLERANCE
     for _ in range(6):
         _fly(cradle, bobs, S, W, lo, hi, h)
-        value, rise = string_quantity(cradle, bobs[whose], S, whose, END, RATE1, cause)
+        value, rise = string_quantity(cradle, bobs[whose], S[lo, T0] + h, S, whose, END, RATE1, cause)
         if rise == 0.0 or abs(value) <= tolerance * abs(rise):
             break
         following = min(max(h - value / rise, 0.0), full)
@@ -176,11 +176,11 @@ def _fly_to_string_event(cradle, bobs, S, W, lo, hi, h, full, cause, whose):
 
 
 @part
-def _parted(cradle, bobs, S, W, p):
-    """Whether a contact of pair p has ended at the end of its segment."""
+def _parted(cradle, bobs, S, W, p, h):
+    """Whether a contact of pair p has ended at the end of its segment of h [s]."""
     if S[p, LINK] == PRESSED:
         return W[p, FORCE] < 0.0
-    return S[p, LINK] == RESOLVED and pair(cradle, bobs, p, S, END)[0] > 0.0
+    return S[p, LINK] == RESOLVED and pair(cradle, bobs, p, S[p, T0] + h, S, END)[0] > 0.0
 
 
 @part
@@ -190,7 +190,7 @@ def _fly_to_parting(cradle, bobs, S, W, lo, hi, h, p):
     while high - low > _PART_TOLERANCE:
         mid = 0.5 * (low + high)
         _fly(cradle, bobs, S, W, lo, hi, mid)
-        if _parted(cradle, bobs, S, W, p):
+        if _parted(cradle, bobs, S, W, p, mid):
             high = mid
         else:
             low = mid

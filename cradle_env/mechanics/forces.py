@@ -67,15 +67,18 @@ def user_force(cradle, bob, t, r, theta, v_r, v_t):
 
 
 @jit
-def added_forces(cradle, bob, t, r, theta, v_r, v_t):
-    """(radial, tangential) force [N] of all effects over strings, gravity and linear drag."""
+def added_forces(cradle, bob, t, r, theta, v_r, v_t, cos):
+    """(radial, tangential) force [N] of all effects over strings, gravity and linear drag.
+
+    v_r, v_t [m/s]: velocity in the room; cos: of theta.
+    """
     f_r, f_t = 0.0, 0.0
     if bob.c2 != 0.0:
         speed = math.sqrt(v_r * v_r + v_t * v_t)
         f_r += quadratic_drag(bob.c2, speed, v_r)
         f_t += quadratic_drag(bob.c2, speed, v_t)
     if bob.tau_c != 0.0:
-        f_t += pivot_friction(bob.tau_c, v_t / r) / r
+        f_t += pivot_friction(bob.tau_c, (v_t - bob.drive * cos) / r) / r
     if cradle.user_force != 0:
         u_r, u_t = user_force(cradle, bob, t, r, theta, v_r, v_t)
         f_r += u_r
@@ -90,13 +93,21 @@ def has_added_forces(cradle, bob):
 
 
 @jit
+def pivot_at(bob, t):
+    """x of the bob's pivot [m] at time t [s]."""
+    return bob.pivot + bob.drive * t
+
+
+@jit
 def rates(cradle, bob, branch, s_ref, t_ref, t, x, z, vx, vz):
-    """(second derivatives of the two coordinates, power taken by drag [W]) of one bob at time t [s].
+    """(second derivatives of the two coordinates, power taken by drag, power brought in by the pivot [W]) of one bob
+    at time t [s].
 
     Contacts apart. Coordinates as in `parameters.DIM`. Elastic strings: eqs. 5 and 6 in Cartesian coordinates.
-    Rigid ones: eq. 6 at r = r0, or eq. 3.
+    Rigid ones: eq. 6 at r = r0, or eq. 3. Drag acts on the velocity in the room.
     """
     if cradle.elastic:
+        x -= pivot_at(bob, t)
         r2 = x * x + z * z
         r = math.sqrt(r2)
         pull = bob.grip * tension(bob, branch, s_ref, t_ref, stretch(bob, r2)) * bob.mobility / r
@@ -107,33 +118,42 @@ def rates(cradle, bob, branch, s_ref, t_ref, t, x, z, vx, vz):
         if has_added_forces(cradle, bob):
             sin, cos = x / r, -z / r
             v_r, v_t = vx * sin - vz * cos, vx * cos + vz * sin
-            f_r, f_t = added_forces(cradle, bob, t, r, math.atan2(x, -z), v_r, v_t)
+            f_r, f_t = added_forces(cradle, bob, t, r, math.atan2(x, -z), v_r, v_t, cos)
             ax += (f_r * sin + f_t * cos) / bob.mass
             az += (f_t * sin - f_r * cos) / bob.mass
             power -= f_r * v_r + f_t * v_t
-        return ax, az, power
-    v_t = bob.length * vx
-    sin = math.sin(x) if cradle.large_angle else x
-    f_t = -bob.b * v_t
+        return ax, az, power, -bob.drive * bob.mass * pull * x
+    sin, cos = x, 1.0
+    v_r, v_t = 0.0, bob.length * vx + bob.drive
+    if cradle.large_angle:
+        sin, cos = math.sin(x), math.cos(x)
+        v_r, v_t = bob.drive * sin, bob.length * vx + bob.drive * cos
+    f_r, f_t = -bob.b * v_r, -bob.b * v_t
     if has_added_forces(cradle, bob):
-        f_t += added_forces(cradle, bob, t, bob.length, x, 0.0, v_t)[1]
-    return (-cradle.gravity * sin + f_t / bob.mass) / bob.length, 0.0, -f_t * v_t
+        more_r, more_t = added_forces(cradle, bob, t, bob.length, x, v_r, v_t, cos)
+        f_r += more_r
+        f_t += more_t
+    pull = bob.mass * cradle.gravity  # of the string, per sin
+    if cradle.large_angle:
+        pull = bob.mass * (bob.length * vx * vx + cradle.gravity * cos) + f_r
+    acceleration = (f_t / bob.mass - cradle.gravity * sin) / bob.length
+    return acceleration, 0.0, -f_r * v_r - f_t * v_t, -bob.drive * pull * sin
 
 
 @jit
-def radius_and_speed(cradle, bob, A, i, c):
-    """(r, dr/dt) of bob i whose motion stands in A from column c on."""
+def radius_and_speed(cradle, bob, t, A, i, c):
+    """(r, dr/dt) of bob i whose motion at time t [s] stands in A from column c on."""
     if cradle.elastic:
-        x, z = A[i, c], A[i, c + 1]
+        x, z = A[i, c] - pivot_at(bob, t), A[i, c + 1]
         r = math.sqrt(x * x + z * z)
-        return r, (x * A[i, c + 2] + z * A[i, c + 3]) / r
+        return r, (x * (A[i, c + 2] - bob.drive) + z * A[i, c + 3]) / r
     return bob.length, 0.0
 
 
 @jit
-def radial_acceleration(A, i, c, rate):
-    """d2r/dt2 of bob i on elastic strings, its derivative standing in A from column `rate` on."""
-    x, z, vx, vz = A[i, c], A[i, c + 1], A[i, c + 2], A[i, c + 3]
+def radial_acceleration(bob, t, A, i, c, rate):
+    """d2r/dt2 of bob i on elastic strings at time t [s], its derivative standing in A from column `rate` on."""
+    x, z, vx, vz = A[i, c] - pivot_at(bob, t), A[i, c + 1], A[i, c + 2] - bob.drive, A[i, c + 3]
     r = math.sqrt(x * x + z * z)
     v_r = (x * vx + z * vz) / r
     return (x * A[i, rate + 2] + z * A[i, rate + 3] + vx * vx + vz * vz - v_r * v_r) / r

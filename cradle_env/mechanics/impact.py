@@ -66,12 +66,12 @@ _CHAIN_LIMIT = 300.0
 @jit
 def two_body(cradle, bobs, table, S, W, p):
     """Impact of bobs p and p + 1 along their line of centres; changes their START, sets W[p, LOSS] [J]."""
-    _, nx, nz, v_n, _ = pair(cradle, bobs, p, S, START)
+    _, nx, nz, v_n, _ = pair(cradle, bobs, p, S[p, T0], S, START)
     if v_n >= 0.0:  # a graze, foreseen on the interpolated motion
         return
     d = yielding(cradle, bobs, p, S, START, nx, nz)
     e = restitution(cradle, table, 1.0 / d, -v_n)
-    push_apart(cradle, bobs, p, S, START, S, START + 2, nx, nz, -(1.0 + e) * v_n / d)
+    push_apart(cradle, bobs, p, S, START, S, START, 2, nx, nz, -(1.0 + e) * v_n / d)
     W[p, LOSS] = 0.5 * v_n * v_n * (1.0 - e * e) / d
 
 
@@ -109,7 +109,7 @@ def chain(cradle, bobs, table, S, W, lo, hi):
 
     All contacts start at zero overlap. Sets W[p, LOSS] [J] to what each contact took (minus the work of its force).
     """
-    set_normals(cradle, bobs, lo, hi, S, START, W)
+    set_normals(cradle, bobs, lo, hi, S[lo, T0], S, START, W)
     blow, m = 0.0, 0.0
     for p in range(lo, hi - 1):
         nx, nz = W[p, N_X], W[p, N_Z]
@@ -118,7 +118,7 @@ def chain(cradle, bobs, table, S, W, lo, hi):
         if p > lo:
             off = -mobility(cradle, bobs, p, S, START, W[p - 1, N_X], W[p - 1, N_Z], nx, nz)
             W[p - 1, CHAIN_U] = off
-        approach = 0.0 - pair(cradle, bobs, p, S, START)[3]
+        approach = 0.0 - pair(cradle, bobs, p, S[p, T0], S, START)[3]
         W[p, CHAIN], W[p, CHAIN + 1], W[p, CHAIN + 2], W[p, CHAIN + 3] = 0.0, approach, 0.0, 0.0
         if approach > blow:
             blow, m = approach, 1.0 / W[p, CHAIN_D]
@@ -133,7 +133,7 @@ def chain(cradle, bobs, table, S, W, lo, hi):
     for p in range(lo, hi - 1):
         W[p, SOLUTION] = W[p, CHAIN + 2] * m * blow
         W[p, LOSS] = W[p, CHAIN + 3] * m * blow * blow
-    apply_chain(cradle, bobs, lo, hi, S, START, W, S, START + 2)
+    apply_chain(cradle, bobs, lo, hi, S, START, W, S, START, 2)
 
 
 @jit
@@ -203,7 +203,7 @@ def settle(cradle, bobs, S, W, lo, hi):
     [J] is added to W[p, LOSS]. Returns the number of new persistent contacts.
     """
     for p in range(lo, hi - 1):
-        gap, nx, nz, v_n, spread = pair(cradle, bobs, p, S, START)
+        gap, nx, nz, v_n, spread = pair(cradle, bobs, p, S[p, T0], S, START)
         W[p, N_X], W[p, N_Z] = nx, nz
         W[p, WANTED] = -opening(cradle, bobs, p, S, START, S, RATE0, nx, nz, spread)
         W[p, CANDIDATE] = gap <= TOUCHING or S[p, LINK] == PRESSED
@@ -212,7 +212,7 @@ def settle(cradle, bobs, S, W, lo, hi):
         dropped = False
         for p in range(lo, hi - 1):
             if W[p, ACTIVE] != 0.0:
-                v_n = pair(cradle, bobs, p, S, START)[3]
+                v_n = pair(cradle, bobs, p, S[p, T0], S, START)[3]
                 press = W[p, SOLUTION] * yielding(cradle, bobs, p, S, START, W[p, N_X], W[p, N_Z])
                 if v_n * v_n > 2.0 * LEAST_BOUNCE * press:
                     W[p, CANDIDATE], dropped = 0.0, True
@@ -223,13 +223,13 @@ def settle(cradle, bobs, S, W, lo, hi):
         pressed = pressed or W[p, ACTIVE] != 0.0
         made += W[p, ACTIVE] != 0.0 and S[p, LINK] != PRESSED
         S[p, LINK] = PRESSED if W[p, ACTIVE] != 0.0 else OPEN
-        W[p, WANTED] = -pair(cradle, bobs, p, S, START)[3]
+        W[p, WANTED] = -pair(cradle, bobs, p, S[p, T0], S, START)[3]
     if pressed:
         solve_chain(cradle, bobs, lo, hi, S, START, W)
         for p in range(lo, hi - 1):
             if W[p, ACTIVE] != 0.0:
                 W[p, LOSS] += 0.5 * W[p, SOLUTION] * W[p, WANTED]
-        apply_chain(cradle, bobs, lo, hi, S, START, W, S, START + 2)
+        apply_chain(cradle, bobs, lo, hi, S, START, W, S, START, 2)
     return made
 
 
@@ -241,7 +241,7 @@ def settle_resolved(cradle, bobs, S, W, lo, hi):
     """
     for p in range(lo, hi - 1):
         if S[p, LINK] == RESOLVED:
-            gap, _, _, v_n, _ = pair(cradle, bobs, p, S, START)
+            gap, _, _, v_n, _ = pair(cradle, bobs, p, S[p, T0], S, START)
             if blow_speed(cradle, bobs, p, gap, v_n) ** 2 > 2.0 * LEAST_BOUNCE * _LEAST_PRESS:
                 return False
     for i in range(lo, hi):

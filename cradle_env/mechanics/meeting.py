@@ -17,9 +17,9 @@ _LEAST_LOCATED = 1e-6
 @jit
 def gap_between(cradle, bobs, S, p, t):
     """(gap beyond CONTACT, opening speed) of pair p at time t [s], interpolated."""
-    x0, z0, vx0, vz0, _, _ = between(S, p, t)
-    x1, z1, vx1, vz1, _, _ = between(S, p + 1, t)
-    gap, _, _, v_n, _ = pair_at(cradle, bobs, p, x0, z0, vx0, vz0, x1, z1, vx1, vz1)
+    x0, z0, vx0, vz0 = between(S, p, t)
+    x1, z1, vx1, vz1 = between(S, p + 1, t)
+    gap, _, _, v_n, _ = pair_at(cradle, bobs, p, t, x0, z0, vx0, vz0, x1, z1, vx1, vz1)
     return gap + CONTACT, v_n
 
 
@@ -99,7 +99,7 @@ def locate(cradle, bobs, S, W, p):
         step_to(cradle, bobs, S, W, p, t)
         if S[p + 1, FIRST] != S[p, FIRST]:
             step_to(cradle, bobs, S, W, p + 1, t)
-        gap, _, _, v_n, _ = pair(cradle, bobs, p, W, OUT)
+        gap, _, _, v_n, _ = pair(cradle, bobs, p, t, W, OUT)
         if v_n > -_LEAST_LOCATED:
             break
         following = max(t - (gap + CONTACT) / v_n, earliest)

@@ -13,7 +13,10 @@ from cradle_env.mechanics.forces import rates
 from cradle_env.mechanics.jit import jit
 from cradle_env.mechanics.parameters import (
     BRANCH,
+    BROUGHT,
+    CONTACT_LOSS,
     DIM,
+    DRAG,
     END,
     OUT,
     RATE0,
@@ -43,15 +46,15 @@ def derivative(cradle, bobs, S, W, lo, hi, t, A, c, R, rate):
     Their motion stands in A from column c on; the derivative goes to R from column `rate` on.
     """
     for i in range(lo, hi):
-        ax, az, power = rates(
+        ax, az, power, brought = rates(
             cradle, bobs[i], S[i, BRANCH], S[i, S_REF], S[i, T_REF], t,
             A[i, c], A[i, c + 1], A[i, c + 2], A[i, c + 3],
         )  # fmt: skip
         R[i, rate], R[i, rate + 1] = A[i, c + 2], A[i, c + 3]
         R[i, rate + 2], R[i, rate + 3] = ax, az
-        R[i, rate + 4], R[i, rate + 5] = power, 0.0
+        R[i, rate + DRAG], R[i, rate + CONTACT_LOSS], R[i, rate + BROUGHT] = power, 0.0, brought
     if hi - lo > 1:
-        contact_forces(cradle, bobs, lo, hi, S, W, A, c, R, rate)
+        contact_forces(cradle, bobs, lo, hi, S, W, t, A, c, R, rate)
 
 
 @jit
@@ -101,16 +104,17 @@ def _source_of_step_one():
         "bob, t = bobs[i], S[i, T0]",
         "branch, s_ref, t_ref = S[i, BRANCH], S[i, S_REF], S[i, T_REF]",
         "y0, y1, y2, y3 = S[i, START], S[i, START + 1], S[i, START + 2], S[i, START + 3]",
-        "v0_0, v1_0, a0_0, a1_0, p_0 = S[i, RATE0], S[i, RATE0 + 1], S[i, RATE0 + 2], S[i, RATE0 + 3], S[i, RATE0 + 4]",
+        "v0_0, v1_0, a0_0, a1_0 = S[i, RATE0], S[i, RATE0 + 1], S[i, RATE0 + 2], S[i, RATE0 + 3]",
+        "p_0, q_0 = S[i, RATE0 + DRAG], S[i, RATE0 + BROUGHT]",
     ]
     for s in range(1, _STAGES):
         for y, target, rate in (("y0", "x", "v0"), ("y1", "z", "v1"), ("y2", f"v0_{s}", "a0"), ("y3", f"v1_{s}", "a1")):
             lines.append(f"{target} = {y} + h * ({_weighed(_A[s], lambda j, rate=rate: f'{rate}_{j}')})")
         motion = f"t + {float(_C[s])!r} * h, x, z, v0_{s}, v1_{s}"
-        lines.append(f"a0_{s}, a1_{s}, p_{s} = rates(cradle, bob, branch, s_ref, t_ref, {motion})")
-    for c, rate in enumerate(("v0", "v1", "a0", "a1", "p")):
+        lines.append(f"a0_{s}, a1_{s}, p_{s}, q_{s} = rates(cradle, bob, branch, s_ref, t_ref, {motion})")
+    for c, rate in ((0, "v0"), (1, "v1"), (2, "a0"), (3, "a1"), (DRAG, "p"), (BROUGHT, "q")):
         lines.append(f"W[i, OUT + {c}] = S[i, START + {c}] + h * ({_weighed(_B, lambda j, rate=rate: f'{rate}_{j}')})")
-    lines.append("W[i, OUT + 5] = S[i, START + 5]")
+    lines.append("W[i, OUT + CONTACT_LOSS] = S[i, START + CONTACT_LOSS]")
     return "\n    ".join(lines)
 
 
@@ -120,8 +124,7 @@ _step_one = jit(globals()["step_one"])
 
 @jit
 def between(S, i, t):
-    """The motion (DIM numbers) of bob i at time t [s] of its segment: quintic Hermite in coordinates and
-    velocities, cubic in the energies.
+    """Coordinates and velocities of bob i at time t [s] of its segment: quintic Hermite.
 
     Error h^6 / 46080 times the sixth derivative over a segment of length h: 1e-10 rad at the default step.
     """
@@ -137,10 +140,17 @@ def between(S, i, t):
     q0, q1 = v * v * (1.0 + u * (2.0 - 15.0 * u)), u * u * (1.0 + v * (2.0 - 15.0 * v))
     s0, s1 = 0.5 * h * u * v * v * (2.0 - 5.0 * u), -0.5 * h * v * u * u * (2.0 - 5.0 * v)
     vx, vz = _blend(S, i, int64(0), -p1, p1, q0, q1, s0, s1), _blend(S, i, int64(1), -p1, p1, q0, q1, s0, s1)
-    p0, p1, q0, q1 = v * v * (1.0 + 2.0 * u), u * u * (1.0 + 2.0 * v), h * u * v * v, -h * u * u * v
-    drag = p0 * S[i, START + 4] + p1 * S[i, END + 4] + q0 * S[i, RATE0 + 4] + q1 * S[i, RATE1 + 4]
-    contact = p0 * S[i, START + 5] + p1 * S[i, END + 5] + q0 * S[i, RATE0 + 5] + q1 * S[i, RATE1 + 5]
-    return x, z, vx, vz, drag, contact
+    return x, z, vx, vz
+
+
+@jit
+def energy_between(S, i, e, t):
+    """Energy e (DRAG, CONTACT_LOSS, BROUGHT) [J] of bob i at time t [s] of its segment: cubic Hermite."""
+    h = S[i, T1] - S[i, T0]
+    u = (t - S[i, T0]) / h
+    v = 1.0 - u
+    values = v * v * (1.0 + 2.0 * u) * S[i, START + e] + u * u * (1.0 + 2.0 * v) * S[i, END + e]
+    return values + h * u * v * (v * S[i, RATE0 + e] - u * S[i, RATE1 + e])
 
 
 @jit

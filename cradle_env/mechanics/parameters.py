@@ -50,7 +50,8 @@ BOB = np.dtype(
     [
         ("mass", "f8"),  # kg
         ("mobility", "f8"),  # 1/mass
-        ("pivot", "f8"),  # its x, m
+        ("pivot", "f8"),  # its x at t = 0, had it always moved as it does now, m
+        ("drive", "f8"),  # its velocity along x, m/s
         ("length", "f8"),  # r0, m
         ("half_spacing", "f8"),  # a, m
         ("string", "f8"),  # sqrt(r0^2 + a^2), m
@@ -64,22 +65,25 @@ BOB = np.dtype(
     ]
 )
 
-#: Width of a block: two coordinates, two velocities, and the energy [J] that drag and the contact with the next
-#: bob have taken. Elastic strings: (x, z) from the bob's own pivot, z upwards. Rigid strings: (theta, 0).
-DIM = 6
+#: Width of a block: two coordinates, two velocities, the energy [J] that drag and the contact with the next bob
+#: have taken, and that which the pivot's motion has brought in. Elastic strings: (x, z) in the room, z upwards from
+#: the pivots. Rigid strings: (theta, 0).
+DIM = 7
+#: Where in a block these three energies stand.
+DRAG, CONTACT_LOSS, BROUGHT = 4, 5, 6
 
 # Columns of the state S. Each group of bobs that move together flies on its own segment, from T0 to T1.
 T0, T1 = map(_INT, (0, 1))  # s
 START, END = map(_INT, (2, 2 + DIM))  # motion at the start and the end of the segment
 RATE0, RATE1 = map(_INT, (2 + 2 * DIM, 2 + 3 * DIM))  # its derivative there
-BRANCH, S_REF, T_REF = 26, 27, 28  # memory of the strings: branch, reference stretch [m] and tension [N]
-WORK, LOST = 29, 30  # energy given to the strings [J]; what of it they had lost at the last slack
-FIRST, LAST = 31, 32  # the group: its first bob, and one past its last
-DUE, WHOSE = 33, 34  # what ends the segment, and for which bob or pair
-LINK, MEETING = 35, 36  # of pair i, i + 1: its state; the instant at which it will touch [s], inf: not foreseen
-SAMPLED = 37  # samples already taken
-STEPS, TURNS, IMPACTS, MULTI_BODY, SETTLED = 38, 39, 40, 41, 42  # how often what happened to this bob or pair
-COLUMNS = 43
+BRANCH, S_REF, T_REF = 30, 31, 32  # memory of the strings: branch, reference stretch [m] and tension [N]
+WORK, LOST = 33, 34  # energy given to the strings [J]; what of it they had lost at the last slack
+FIRST, LAST = 35, 36  # the group: its first bob, and one past its last
+DUE, WHOSE = 37, 38  # what ends the segment, and for which bob or pair
+LINK, MEETING = 39, 40  # of pair i, i + 1: its state; the instant at which it will touch [s], inf: not foreseen
+SAMPLED = 41  # samples already taken
+STEPS, TURNS, IMPACTS, MULTI_BODY, SETTLED = 42, 43, 44, 45, 46  # how often what happened to this bob or pair
+COLUMNS = 47
 
 # Columns of the scratch W (N, SCRATCH).
 TRIAL, OUT = map(_INT, (0, DIM))  # a stage's motion; where a step arrives

@@ -19,6 +19,7 @@ from cradle_env.mechanics.parameters import (
     SLACK,
     SOLUTION,
     START,
+    T0,
     T_REF,
     UNLOADING,
     WANTED,
@@ -46,7 +47,7 @@ def put(cradle, bob, S, i, theta, r):
     for c in range(DIM):
         S[i, START + c] = 0.0
     if cradle.elastic:
-        S[i, START], S[i, START + 1] = r * math.sin(theta), -r * math.cos(theta)
+        S[i, START], S[i, START + 1] = bob.pivot + r * math.sin(theta), -r * math.cos(theta)
         S[i, WORK] = work_between(bob, LOADING, 0.0, 0.0, bob.length, r)
     else:
         S[i, START] = theta
@@ -86,7 +87,7 @@ def at_rest(cradle, bobs, angles, hanging, S, W):
     for _ in range(200):
         worst = 0.0
         for p in range(n - 1):
-            gap = pair(cradle, bobs, p, S, START)[0]
+            gap = pair(cradle, bobs, p, S[p, T0], S, START)[0]
             hangs = math.isnan(angles[p]) and math.isnan(angles[p + 1])
             W[p, ACTIVE] = hangs and (gap < 0.0 or W[p, FORCE] > 0.0)
             W[p, WANTED] = -gap * cradle.gravity / bobs[p].length
@@ -94,7 +95,7 @@ def at_rest(cradle, bobs, angles, hanging, S, W):
                 worst = max(worst, abs(gap))
         if worst < 1e-16:
             break
-        set_normals(cradle, bobs, _FIRST, n, S, START, W)
+        set_normals(cradle, bobs, _FIRST, n, S[0, T0], S, START, W)
         solve_chain(cradle, bobs, _FIRST, n, S, START, W)
         for p in range(n - 1):
             W[p, FORCE] = max(0.0, W[p, FORCE] + W[p, SOLUTION])
@@ -103,7 +104,7 @@ def at_rest(cradle, bobs, angles, hanging, S, W):
         for i in range(n):
             nx, nz, after = 0.0, 0.0, 0.0
             if i < n - 1 and W[i, FORCE] > 0.0:
-                _, nx, nz, _, _ = pair(cradle, bobs, i, S, START)
+                _, nx, nz, _, _ = pair(cradle, bobs, i, S[i, T0], S, START)
                 after = W[i, FORCE]
             if math.isnan(angles[i]):
                 hang(cradle, bobs[i], S, i, before * nx0 - after * nx, before * nz0 - after * nz)
@@ -152,25 +153,26 @@ def spread(cradle, bobs, S, W):
     for _ in range(10000):
         worst = 0.0
         for p in range(len(bobs) - 1):
-            gap = pair(cradle, bobs, p, S, START)[0]
+            gap = pair(cradle, bobs, p, S[p, T0], S, START)[0]
             if gap < -1e-15 and W[p, ACTIVE] != 0.0 and W[p + 1, ACTIVE] != 0.0:
                 worst = max(worst, -gap)
-                rotate(cradle, S, p, 0.5 * gap / bobs[p].length)
-                rotate(cradle, S, p + 1, -0.5 * gap / bobs[p + 1].length)
+                rotate(cradle, bobs, S, p, 0.5 * gap / bobs[p].length)
+                rotate(cradle, bobs, S, p + 1, -0.5 * gap / bobs[p + 1].length)
         if worst == 0.0:
             break
     overlap = 0.0
     for p in range(len(bobs) - 1):
-        overlap = max(overlap, -pair(cradle, bobs, p, S, START)[0])
+        overlap = max(overlap, -pair(cradle, bobs, p, S[p, T0], S, START)[0])
     return overlap
 
 
 @jit
-def rotate(cradle, S, i, angle):
+def rotate(cradle, bobs, S, i, angle):
     """Turns the start of bob i about its pivot by an angle [rad]."""
     if not cradle.elastic:
         S[i, START] += angle
         return
-    cos, sin = math.cos(angle), math.sin(angle)
-    for c in (START, START + 2):
-        S[i, c], S[i, c + 1] = cos * S[i, c] - sin * S[i, c + 1], sin * S[i, c] + cos * S[i, c + 1]
+    cos, sin, pivot = math.cos(angle), math.sin(angle), bobs[i].pivot
+    x, z, vx, vz = S[i, START] - pivot, S[i, START + 1], S[i, START + 2], S[i, START + 3]
+    S[i, START], S[i, START + 1] = pivot + cos * x - sin * z, sin * x + cos * z
+    S[i, START + 2], S[i, START + 3] = cos * vx - sin * vz, sin * vx + cos * vz
