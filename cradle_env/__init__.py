@@ -7,7 +7,7 @@ run.sigma(), run.newton_exponent(), run.energy(), run.impacts
 
 import importlib
 
-import gymnasium  # noqa: F401  the environments are Gymnasium's
+from gymnasium.envs import registration as _registration
 
 # Public names by the module that holds them: loaded when first asked for, so that the import stays light.
 _PUBLIC = {
@@ -30,6 +30,24 @@ _PUBLIC = {
 }
 
 __all__ = [*_PUBLIC]
+
+
+# Those that are there already stay: a second import, or a user's own registration, changes nothing.
+if "NewtonCradle-v0" not in _registration.registry:
+    _registration.register(
+        "NewtonCradle-v0",
+        entry_point="cradle_env.env:NewtonCradleEnv",
+        vector_entry_point="cradle_env.vector_env:NewtonCradleVectorEnv",
+        max_episode_steps=3600,
+        reward_threshold=2.0,
+    )
+if "NewtonCradleRelease-v0" not in _registration.registry:
+    _registration.register(
+        "NewtonCradleRelease-v0",
+        entry_point="cradle_env.release_env:NewtonCradleReleaseEnv",
+        max_episode_steps=1,
+        reward_threshold=0.15,
+    )
 
 
 def __getattr__(name: str):

@@ -21,7 +21,8 @@ from cradle_env.trajectory import IMPACT, Trajectory
 _RADIAL_STEP, _ANGULAR_STEP = 0.45, 0.2
 # Dry friction changes sign within a hundredth of a period.
 _FRICTION_STEP = 0.05
-_EXHAUSTED = {
+#: What a status other than DONE means.
+EXHAUSTED = {
     events.STALLED: "more impacts at one instant than can be resolved",
     events.NOT_FINITE: "the motion left the range of numbers",
 }
@@ -188,13 +189,19 @@ def _run(
             break
         impacts = np.concatenate([impacts, np.empty_like(impacts)])
     if status != events.DONE:
-        raise SimulationError(f"the run stopped at {S[:, p.T0].min():g} s of {times[-1]:g} s: {_EXHAUSTED[status]}")
-    rows = np.empty(count, IMPACT)
-    for k, name in enumerate(("time", "pair", "speed", "loss")):
-        rows[name] = impacts[:count, k]
-    rows["pair"] += 1
+        raise SimulationError(f"the run stopped at {S[:, p.T0].min():g} s of {times[-1]:g} s: {EXHAUSTED[status]}")
+    rows = impact_rows(impacts[:count])
     theta, r, theta_dot, r_dot = np.moveaxis(motion, -1, 0)
     return Trajectory(cradle, release, times, theta, r, theta_dot, r_dot, rows, energy if ledger else None)
+
+
+def impact_rows(impacts: np.ndarray) -> np.ndarray:
+    """What a kernel has written of impacts, (M, 4), as rows of IMPACT."""
+    rows = np.empty(len(impacts), IMPACT)
+    for k, name in enumerate(("time", "pair", "speed", "loss")):
+        rows[name] = impacts[:, k]
+    rows["pair"] += 1
+    return rows
 
 
 def equilibrium(cradle: Cradle) -> tuple[np.ndarray, np.ndarray]:

@@ -70,6 +70,16 @@ def run(cradle, bobs, table, S, W, until, times, motion, energy, impacts, count)
     impacts (M, 4): time, pair from 0, approach speed, energy taken; the first `count` rows are in use.
     Returns (DONE | FULL | STALLED | NOT_FINITE, rows in use); after FULL the same call goes on.
     """
+    status, count = advance(cradle, bobs, table, S, W, until, times, motion, energy, impacts, count)
+    if status == DONE:
+        for i in range(len(bobs)):
+            sample(cradle, bobs, S, i, until, np.True_, times, motion, energy)
+    return status, count
+
+
+@jit
+def advance(cradle, bobs, table, S, W, until, times, motion, energy, impacts, count):
+    """The loop of `run`: every event up to `until` [s]."""
     if S[0, T1] == S[0, T0] and not begin(cradle, bobs, S, W):
         return NOT_FINITE, count
     events, progress = 0, -1.0
@@ -77,7 +87,7 @@ def run(cradle, bobs, table, S, W, until, times, motion, energy, impacts, count)
         bob, end, p, meeting = next_event(S)
         now = min(end, meeting)
         if now > until:
-            break
+            return DONE, count
         if len(impacts) - count < len(bobs):
             return FULL, count
         events += 1
@@ -91,9 +101,6 @@ def run(cradle, bobs, table, S, W, until, times, motion, energy, impacts, count)
             lo, hi = finish(cradle, bobs, S, W, bob, times, motion, energy)
         if not fly_on(cradle, bobs, S, W, lo, hi):
             return NOT_FINITE, count
-    for i in range(len(bobs)):
-        sample(cradle, bobs, S, i, until, np.True_, times, motion, energy)
-    return DONE, count
 
 
 @part
@@ -134,7 +141,7 @@ def fly_on(cradle, bobs, S, W, lo, hi):
     return True
 
 
-@part
+@jit
 def finish(cradle, bobs, S, W, bob, times, motion, energy):
     """Ends the segment of a bob's group where it was planned to end. Returns the range of bobs to fly on."""
     lo, hi = int(S[bob, FIRST]), int(S[bob, LAST])

@@ -65,6 +65,48 @@ BOB = np.dtype(
     ]
 )
 
+# What an episode's reward is: see control.reward.
+SYNCHRONIZE, SUSTAIN, ELSEWHERE = 0, 1, 2
+
+# An episode of the environment: what is set, then what has come of it.
+EPISODE = np.dtype(
+    [
+        ("interval", "i8"),  # integration steps per control interval
+        ("samples", "i8"),  # of sigma per control interval
+        ("half_window", "i8"),  # of sigma's envelopes, in samples
+        ("lead", "i8"),  # the lifted end bob
+        ("lifted", "i8"),  # how many are lifted, from the end with the highest number
+        ("hanging", "i8"),  # 1: the release starts at the hanging length
+        ("delta_column", "i8"),  # of an action, -1: none; likewise the release angle's
+        ("angle_column", "i8"),
+        ("delta_range", "f8", (3,)),  # what the actions -1, 0 and 1 mean
+        ("angle_range", "f8", (3,)),  # rad
+        ("fastest", "f8"),  # of delta, 1/s
+        ("exponent_from", "f8"),  # lambda's window, s, and its floor of sigma
+        ("exponent_to", "f8"),
+        ("floor", "f8"),
+        ("synchronized_at", "f8"),  # sigma
+        ("duration", "f8"),  # s
+        ("reward_kind", "i8"),  # SYNCHRONIZE, SUSTAIN or ELSEWHERE
+        ("largest", "f8", (3,)),  # r [m], dr/dt [m/s], dtheta/dt [rad/s] that an observation shows
+        ("steps", "i8"),  # since the release, -1: not yet released
+        ("delta", "f8"),
+        ("rate", "f8"),  # of delta, 1/s
+        ("angle", "f8"),  # of the release, rad
+        ("taken", "i8"),  # samples of the lifted bob's angle
+        ("highest", "f8"),  # of them within the window, rad, and which; likewise the lowest
+        ("highest_at", "i8"),
+        ("lowest", "f8"),
+        ("lowest_at", "i8"),
+        ("sigma", "f8"),
+        ("below", "i8"),  # samples in a row with sigma <= synchronized_at
+        ("exponents", "f8"),  # sum of -ln(sigma) / t, and of how many
+        ("exponent_count", "i8"),
+        ("collisions", "f8"),  # energy taken by impacts, J
+        ("status", "i8"),
+    ]
+)
+
 #: Width of a block: two coordinates, two velocities, the energy [J] that drag and the contact with the next bob
 #: have taken, and that which the pivot's motion has brought in. Elastic strings: (x, z) in the room, z upwards from
 #: the pivots. Rigid strings: (theta, 0).

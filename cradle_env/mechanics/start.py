@@ -14,6 +14,7 @@ from cradle_env.mechanics.parameters import (
     LINK,
     LOADING,
     MEETING,
+    OPEN,
     PRESSED,
     S_REF,
     SLACK,
@@ -73,7 +74,7 @@ def at_rest(cradle, bobs, angles, hanging, S, W):
     """
     n = len(bobs)
     for i in range(n):
-        S[i, MEETING], W[i, FORCE] = math.inf, 0.0
+        S[i, LINK], S[i, MEETING], W[i, FORCE] = OPEN, math.inf, 0.0
     for i in range(n):
         if math.isnan(angles[i]):
             hang(cradle, bobs[i], S, i, 0.0, 0.0)
@@ -116,6 +117,26 @@ def at_rest(cradle, bobs, angles, hanging, S, W):
     for i in range(n):
         W[i, ACTIVE] = not math.isnan(angles[i])
     return spread(cradle, bobs, S, W)
+
+
+@jit
+def lift(cradle, bobs, lifted, angle, hanging, S, W, angles):
+    """`at_rest` with the last `lifted` bobs at an angle [rad], but no lower than where they would hang.
+
+    angles (N,) is scratch. Returns the angle, 0 where none is lifted.
+    """
+    n = len(bobs)
+    for i in range(n):
+        angles[i] = math.nan
+    at_rest(cradle, bobs, angles, hanging, S, W)
+    if lifted == 0:
+        return 0.0
+    leaning = math.atan2(S[n - 1, START] - bobs[n - 1].pivot, -S[n - 1, START + 1])
+    angle = max(angle, leaning if cradle.elastic else S[n - 1, START])
+    for i in range(n - lifted, n):
+        angles[i] = angle
+    at_rest(cradle, bobs, angles, hanging, S, W)
+    return angle
 
 
 @entry

@@ -1,0 +1,133 @@
+"""Episodes under way: the arrays that the kernel of a control interval advances, one row per environment."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from cradle_env.cradle import Cradle
+from cradle_env.mechanics import control, events, restitution
+from cradle_env.mechanics import parameters as p
+from cradle_env.settings import Settings
+from cradle_env.simulation import EXHAUSTED, SimulationError, impact_rows, records
+from cradle_env.spaces import largest
+from cradle_env.synchronization import ENVELOPE_PERIODS, FLOOR, WINDOW
+
+#: Columns of `report` that an info shows.
+INFO = control.REPORT[: control.REPORT.index("reward")]
+REWARD, SYNCHRONIZED, OVER = (control.REPORT.index(name) for name in ("reward", "synchronized", "over"))
+# Integration step over that of `simulate`: 1e-8 rad instead of 1e-10 over 10 s.
+_STEP_FACTOR = 2.0
+# Samples of σ are taken at least as often as `simulate` does by default [1/s].
+_SAMPLE_RATE = 240.0
+# Impacts of one bob in an interval that are kept; more are counted all the same.
+_IMPACTS = 16
+_REWARDS = {"synchronize": p.SYNCHRONIZE, "sustain": p.SUSTAIN}
+
+
+class Episodes:
+    """`count` episodes of cradles with equally many bobs; arrays have one row each."""
+
+    def __init__(self, count: int, settings: Settings) -> None:
+        n = settings.bobs
+        self.cradles = np.zeros(count, p.CRADLE)
+        self.bobs = np.zeros((count, n), p.BOB)
+        self.state = np.zeros((count, n, p.COLUMNS))
+        self.episodes = np.zeros(count, p.EPISODE)
+        self.ring = np.zeros((count, 1))
+        self.report = np.zeros((count, len(control.REPORT)))
+        self._records: tuple[Cradle, Settings, np.ndarray, np.ndarray, np.ndarray] | None = None
+
+    def begin(self, k: int, settings: Settings, cradle: Cradle, angle: float, observations: np.ndarray) -> None:
+        """Puts episode k before its release: `cradle`, to be released at `angle` [rad]; writes observations[k]."""
+        # Most episodes are of the same cradle under the same settings.
+        if self._records is None or self._records[0] is not cradle or self._records[1] is not settings:
+            self._records = (cradle, settings, *_records(cradle, settings))
+        _, _, c, bobs, episode = self._records
+        self.cradles[k], self.bobs[k], self.episodes[k] = c[0], bobs, episode[0]
+        self.episodes["angle_range"][k, 1] = angle
+        width = 2 * int(episode["half_window"][0]) + 1
+        if width > self.ring.shape[1]:
+            ring = np.zeros((len(self.ring), width))
+            ring[:, : self.ring.shape[1]] = self.ring
+            self.ring = ring
+        control.begin(
+            self.cradles, self.bobs, self.state, *_scratch(settings.bobs)[:2], self.episodes, observations,
+            self.report, k,
+        )  # fmt: skip
+
+    def arrays(self) -> tuple[np.ndarray, ...]:
+        """Everything that makes up the state: copies of these, put back, continue bit for bit."""
+        return self.cradles, self.bobs, self.state, self.episodes, self.ring, self.report
+
+    def restore(self, arrays: tuple[np.ndarray, ...]) -> None:
+        """Takes up a state, copied from `arrays`."""
+        copies = (a.copy() for a in arrays)
+        self.cradles, self.bobs, self.state, self.episodes, self.ring, self.report = copies
+
+
+class Stepper:
+    """Scratch of one thread, and the call that advances a range of episodes by one control interval."""
+
+    def __init__(self, bobs: int) -> None:
+        self.scratch, self.angles, self.impacts = _scratch(bobs)
+        self._table = restitution.universal_curves()
+        self._times, self._motion = np.empty(0), np.empty((0, 0, 4))
+
+    def step(self, of: Episodes, actions: np.ndarray, observations: np.ndarray, lo: int, hi: int) -> int:
+        """Advances the episodes lo..hi-1 and returns the first status that is not DONE; see `control.step`."""
+        return control.step(
+            of.cradles, of.bobs, self._table, of.state, self.scratch, self.angles, of.episodes, of.ring, actions,
+            self._times, self._motion, self.impacts, observations, of.report, lo, hi,
+        )  # fmt: skip
+
+    def rows(self, count: int) -> np.ndarray:
+        """The impacts of the last episode stepped, `count` of them; see `IMPACT`."""
+        return impact_rows(self.impacts[: min(count, len(self.impacts))])
+
+
+def _scratch(bobs: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    return np.zeros((bobs, p.SCRATCH)), np.zeros(bobs), np.zeros((_IMPACTS * bobs, 4))
+
+
+def _records(cradle: Cradle, settings: Settings) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Records of the cradle and of its episode, (1,) of CRADLE, (N,) of BOB and (1,) of EPISODE."""
+    c, bobs = records(cradle, _STEP_FACTOR)
+    steps = math.ceil(settings.control_interval / c["step"][0] - 1e-9)
+    c["step"] = settings.control_interval / steps
+    samples = math.ceil(settings.control_interval * _SAMPLE_RATE - 1e-9)
+    episode = np.zeros(1, p.EPISODE)
+    values: dict[str, Any] = {
+        "interval": steps,
+        "samples": samples,
+        "half_window": round(0.5 * ENVELOPE_PERIODS * cradle.period * samples / settings.control_interval),
+        "lead": cradle.bobs - 1,
+        "lifted": settings.released_bobs,
+        "hanging": settings.start == "hanging",
+        "delta_column": settings.actions.index("delta") if "delta" in settings.actions else -1,
+        "angle_column": settings.actions.index("release_angle") if "release_angle" in settings.actions else -1,
+        "delta_range": (settings.delta_range[0], cradle.delta, settings.delta_range[1]),
+        "angle_range": (settings.release_angle_range[0], 0.0, settings.release_angle_range[1]),
+        "fastest": settings.spacer_speed / (2.0 * cradle.radius),
+        "exponent_from": WINDOW[0],
+        "exponent_to": WINDOW[1],
+        "floor": FLOOR,
+        "synchronized_at": settings.synchronized_at,
+        "duration": settings.duration,
+        "reward_kind": _REWARDS.get(settings.reward, p.ELSEWHERE) if isinstance(settings.reward, str) else p.ELSEWHERE,
+        "largest": largest(settings),
+        "steps": -1,
+        "delta": cradle.delta,
+        "sigma": 1.0,
+    }
+    for name, value in values.items():
+        episode[name] = value
+    return c, bobs, episode
+
+
+def check_status(status: int, time: float) -> None:
+    """SimulationError unless the status is that of a run carried on."""
+    if status != events.DONE:
+        raise SimulationError(f"the episode stopped after {time:g} s: {EXHAUSTED[status]}")

@@ -1,0 +1,260 @@
+"""What an environment is told: the cradle, what may be done to it, and what is wanted of it."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import math
+import tomllib
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+
+from cradle_env.cradle import Cradle, Release
+from cradle_env.effects import MODELS, effect
+from cradle_env.errors import check_range, unknown_key
+
+#: What an action can set.
+ACTIONS = ("delta", "release_angle")
+REWARDS = ("synchronize", "sustain")
+#: δ over which the mechanics are tested.
+DELTA_LIMITS = (-0.05, 0.2)
+#: Fields of Cradle that are numbers, and may therefore be ranges, and differ from episode to episode.
+CRADLE_NUMBERS = tuple(
+    f.name
+    for f in dataclasses.fields(Cradle)
+    if f.name not in ("bobs", "delta", "model", "effects", "power_law")
+)
+#: What `reset(options=...)` can change for one episode.
+PER_EPISODE = ("delta", "release_angle", *CRADLE_NUMBERS)
+
+Range = float | tuple[float, float]
+
+
+@dataclass(frozen=True)
+class Settings:
+    """Settings of an environment; those of `PER_EPISODE` may be ranges (low, high), drawn anew for every episode.
+
+    bobs: N, 1 to 200; delta: δ of all gaps; release_angle [rad] of the `released_bobs` last bobs; start:
+    "unstretched" or "hanging"; model: "ho", "pendulum", "nsp" or the path of a TOML file with a [model] table;
+    effects: more of them by name with their parameters; cradle: other fields of Cradle; actions: what the agent
+    sets, the rest being as set here; delta_range, release_angle_range [rad]: what the actions −1 and 1 mean, 0
+    being the setting; spacer_speed: fastest change of a gap [m/s]; control_interval [s]; duration of an episode
+    [s]; reward: "synchronize", "sustain" or a function of two infos, before and after a step; synchronized_at: σ;
+    dtype of the observations. Raises ValueError or TypeError, naming the setting and what is allowed.
+    """
+
+    bobs: int = 5
+    delta: Range = 0.0
+    release_angle: Range = 0.228
+    released_bobs: int = 1
+    start: str = "unstretched"
+    model: str = "nsp"
+    effects: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    cradle: Mapping[str, Any] = field(default_factory=dict)
+    actions: Sequence[str] = ACTIONS
+    delta_range: tuple[float, float] = (-0.02, 0.1)
+    release_angle_range: tuple[float, float] = (0.05, 0.5)
+    spacer_speed: float = 0.01
+    control_interval: float = 1.0 / 60.0
+    duration: float = 60.0
+    reward: str | Callable[[dict[str, float], dict[str, float]], float] = "synchronize"
+    synchronized_at: float = 0.05
+    dtype: Any = np.float32
+
+    @classmethod
+    def of(cls, **given: Any) -> Settings:
+        """Settings from keyword arguments, among which fields of Cradle stand beside the settings' own."""
+        own = {f.name for f in dataclasses.fields(cls)} - {"cradle"}
+        for key in given:
+            if key not in own and key not in CRADLE_NUMBERS and key != "power_law":
+                raise TypeError(unknown_key("setting", key, (*own, *CRADLE_NUMBERS, "power_law")))
+        cradle = {key: value for key, value in given.items() if key not in own}
+        return cls(cradle=cradle, **{key: value for key, value in given.items() if key in own})
+
+    def __post_init__(self) -> None:
+        put = functools.partial(object.__setattr__, self)
+        if isinstance(self.actions, str) or len(set(self.actions)) != len(self.actions) or not self.actions:
+            raise ValueError(f"actions is {self.actions!r}; give one or both of {', '.join(ACTIONS)}, as a sequence")
+        for name in self.actions:
+            if name not in ACTIONS:
+                raise ValueError(unknown_key("action", name, ACTIONS))
+        put("actions", tuple(self.actions))
+        if isinstance(self.reward, str) and self.reward not in REWARDS:
+            raise ValueError(unknown_key("reward", self.reward, REWARDS) + ", or a function of two infos")
+        if not isinstance(self.reward, str) and not callable(self.reward):
+            raise TypeError(f"reward is {self.reward!r}; it must be one of {', '.join(REWARDS)} or a function")
+        for name, unit in (("spacer_speed", "m/s"), ("control_interval", "s"), ("duration", "s")):
+            put(name, check_range(name, getattr(self, name), unit, 0.0, above=True))
+        if self.control_interval > self.duration:
+            raise ValueError(f"control_interval is {self.control_interval:g} s; an episode lasts {self.duration:g} s")
+        put("synchronized_at", check_range("synchronized_at", self.synchronized_at, "", 0.0, 1.0, above=True))
+        put("dtype", np.dtype(self.dtype))
+        if self.dtype not in (np.float32, np.float64):
+            raise ValueError(f"dtype is {self.dtype}; observations are float32 or float64")
+        put("delta_range", self._checked_limits("delta_range", "", *DELTA_LIMITS))
+        put("release_angle_range", self._checked_limits("release_angle_range", "rad", 0.0, math.pi))
+        put("effects", MappingProxyType(dict(self.effects)))
+        put("cradle", MappingProxyType(dict(self.cradle)))
+        if Path(str(self.model)).suffix == ".toml":
+            model, effects = read_model(Path(self.model))
+            put("model", model)
+            put("effects", MappingProxyType({**effects, **self.effects}))
+        for name in PER_EPISODE:
+            ends = self._ends(name)
+            for value in ends:
+                self._check(name, value)
+            if ends and ends[0] > ends[1]:
+                raise ValueError(f"{name} is ({ends[0]:g}, {ends[1]:g}); a range is (low, high), low below high")
+        for longest in (0, -1):  # both ends of every range make a cradle
+            cradle = self._cradle({name: self._ends(name)[longest] for name in PER_EPISODE if self._ends(name)})
+            Release(angle=self._ends("release_angle")[longest], bobs=self.released_bobs, start=self.start).angles_of(
+                cradle
+            )
+
+    def __reduce__(self):
+        fields = {f.name: getattr(self, f.name) for f in dataclasses.fields(self)}
+        return _settings, ({**fields, "effects": dict(self.effects), "cradle": dict(self.cradle)},)
+
+    def _checked_limits(self, name: str, unit: str, low: float, high: float) -> tuple[float, float]:
+        limits = getattr(self, name)
+        if not _is_range(limits) or not limits[0] < limits[1]:
+            raise ValueError(f"{name} is {limits!r}; it must be two numbers (low, high), low below high [{unit}]")
+        return tuple(check_range(name, x, unit, low, high) for x in limits)  # type: ignore[return-value]
+
+    def _check(self, name: str, value: Any) -> None:
+        """ValueError unless the value is possible, and within what the actions reach."""
+        if name in ACTIONS:
+            unit, limits = ("", DELTA_LIMITS) if name == "delta" else ("rad", (0.0, math.pi))
+            remedy = "at δ = −1 the pivots coincide" if name == "delta" else ""
+            if name in self.actions:
+                limits, remedy = getattr(self, f"{name}_range"), f"or widen {name}_range"
+            check_range(name, value, unit, *limits, remedy=remedy)
+        else:
+            check_range(name, value, "")
+
+    def _given(self, name: str) -> Any:
+        return getattr(self, name) if name in ("delta", "release_angle") else self.cradle.get(name)
+
+    def _ends(self, name: str) -> tuple:
+        """The least and the largest that a setting can become; empty where it is not given."""
+        value = self._given(name)
+        return () if value is None else tuple(value) if _is_range(value) else (value, value)
+
+    def _cradle(self, values: Mapping[str, float]) -> Cradle:
+        fields = {**self.cradle, **{k: v for k, v in values.items() if k != "release_angle"}}
+        return Cradle(bobs=self.bobs, model=self.model, effects=self.effects, **fields)
+
+    def for_episode(self, options: Mapping[str, Any] | None) -> tuple[Settings, Mapping[str, np.ndarray] | None]:
+        """The settings of one episode, and the draws of a posterior if one is named."""
+        if not options:
+            return self, None
+        if not isinstance(options, Mapping):
+            raise TypeError(f"options is {type(options).__name__}; it must be a dictionary")
+        for key in options:
+            if key not in PER_EPISODE and key != "posterior":
+                raise ValueError(unknown_key("option", key, (*PER_EPISODE, "posterior")))
+        own = {key: value for key, value in options.items() if key in ("delta", "release_angle")}
+        cradle = {key: value for key, value in options.items() if key in CRADLE_NUMBERS}
+        changed = dataclasses.replace(self, cradle={**self.cradle, **cradle}, **own)
+        return changed, read_posterior(options["posterior"]) if "posterior" in options else None
+
+    @functools.cached_property
+    def fixed(self) -> Cradle | None:
+        """The cradle of every episode; None where a range is drawn."""
+        return None if any(_is_range(self._given(name)) for name in PER_EPISODE) else self._cradle({"delta": self.delta})
+
+    def drawn(
+        self, rng: np.random.Generator, posterior: Mapping[str, np.ndarray] | None = None
+    ) -> tuple[Cradle, float]:
+        """A cradle and a release angle [rad]: ranges uniformly, in the order of `PER_EPISODE`; then, jointly, one
+        draw of the posterior."""
+        if posterior is None and self.fixed is not None:
+            return self.fixed, self.release_angle  # type: ignore[return-value]
+        values = {}
+        for name in PER_EPISODE:
+            if self._given(name) is not None:
+                given = self._given(name)
+                values[name] = float(rng.uniform(*given)) if _is_range(given) else given
+        cradle = self._cradle(values)
+        if posterior is not None:
+            row = int(rng.integers(len(next(iter(posterior.values())))))
+            effects: dict[str, dict[str, float]] = {name: dict(keys) for name, keys in cradle.effects.items()}
+            fields: dict[str, float] = {}
+            for name, draws in posterior.items():
+                if "." in name:
+                    of, key = name.split(".", 1)
+                    effects.setdefault(of, {})[key] = float(draws[row])
+                else:
+                    fields[name] = float(draws[row])
+            cradle = cradle.replace(effects=effects, **fields)
+        return cradle, values["release_angle"]
+
+    def widest(self) -> Cradle:
+        """The cradle with the upper end of every range."""
+        return self._cradle({name: self._ends(name)[-1] for name in PER_EPISODE if self._ends(name)})
+
+
+def _settings(fields: dict[str, Any]) -> Settings:
+    return Settings(**fields)
+
+
+def _is_range(value: Any) -> bool:
+    return isinstance(value, Sequence | np.ndarray) and not isinstance(value, str) and len(value) == 2
+
+
+def read_model(path: Path) -> tuple[str, dict[str, dict[str, float]]]:
+    """(base, effects) of the [model] table of a TOML file; ValueError, naming file and key, if it is not one."""
+    try:
+        content = tomllib.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise ValueError(f"{path}: {error.strerror or error}; name a TOML file with a [model] table") from None
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise ValueError(f"{path} is no TOML file: {error}") from None
+    model = content.get("model")
+    if not isinstance(model, dict):
+        raise ValueError(f"{path} has no [model] table; write one, with base and effects")
+    for key in model:
+        if key not in ("base", "effects", "parameters"):
+            raise ValueError(f"{path}: " + unknown_key("key of [model]", key, ("base", "effects", "parameters")))
+    base = model.get("base", "nsp")
+    if base not in MODELS:
+        raise ValueError(f"{path}: " + unknown_key("base", str(base), MODELS))
+    parameters = model.get("parameters", {})
+    effects: dict[str, dict[str, float]] = {}
+    for name in (*model.get("effects", ()), *parameters):
+        declared = effect(name.removeprefix("-"))
+        values = parameters.get(name, {})
+        missing = [p.key for p in declared.parameters if p.key not in values]
+        if missing and not name.startswith("-"):
+            raise ValueError(f"{path}: effect {name} has no value for {', '.join(missing)}; state it in [model.parameters]")
+        effects[name] = dict(values)
+    return base, effects
+
+
+@functools.lru_cache(maxsize=8)
+def _posterior(path: str, _changed: float) -> Mapping[str, np.ndarray]:
+    import h5py
+
+    try:
+        with h5py.File(path) as file:
+            group: Any = file["posterior"]
+            draws = {name: np.ravel(group[name][()]) for name in group if name in CRADLE_NUMBERS or "." in name}
+    except (OSError, KeyError):
+        raise ValueError(f"{path} is no posterior of a calibration; name the posterior.nc that one has written") from None
+    if not draws:
+        raise ValueError(f"{path} holds no parameter of a cradle")
+    return MappingProxyType(draws)
+
+
+def read_posterior(path: Any) -> Mapping[str, np.ndarray]:
+    """Joint draws of a calibration, posterior.nc, by name of the parameter; each of shape (draws,)."""
+    try:
+        changed = Path(path).stat().st_mtime
+    except (OSError, TypeError):
+        raise ValueError(f"there is no file {str(path)!r}; name the posterior.nc of a calibration") from None
+    return _posterior(str(path), changed)

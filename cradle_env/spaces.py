@@ -1,0 +1,38 @@
+"""What the agent sees and sets."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from gymnasium.spaces import Box
+
+from cradle_env.settings import Settings
+
+
+def action_space(settings: Settings) -> Box:
+    """One number in [−1, 1] for each of `settings.actions`."""
+    return Box(-1.0, 1.0, (len(settings.actions),), np.float32)
+
+
+def observation_space(settings: Settings) -> Box:
+    """r, θ, dr/dt, dθ/dt of all bobs, δ, σ, time since the release; shape (4 N + 3,)."""
+    n, (r, r_dot, theta_dot) = settings.bobs, largest(settings)
+    low, high = np.zeros(4 * n + 3), np.zeros(4 * n + 3)
+    high[:n] = r
+    for block, bound in enumerate((math.pi, r_dot, theta_dot), start=1):
+        low[block * n : (block + 1) * n], high[block * n : (block + 1) * n] = -bound, bound
+    low[4 * n], high[4 * n :] = -1.0, (1.0, 2.0, settings.duration)
+    # Rounded outwards, so that a bound itself lies within.
+    low, high = low.astype(settings.dtype), high.astype(settings.dtype)
+    if settings.dtype == np.float32:
+        low, high = np.nextafter(low, np.float32(-np.inf)), np.nextafter(high, np.float32(np.inf))
+    return Box(low, high, dtype=settings.dtype.type)
+
+
+def largest(settings: Settings) -> tuple[float, float, float]:
+    """The largest r [m], dr/dt [m/s] and dθ/dt [rad/s] that an observation shows: far beyond any swing, which
+    reaches 2 √(g r0) and 2 √(g/r0) at most."""
+    cradle = settings.widest()
+    speed = 4.0 * math.sqrt(cradle.gravity * cradle.length)
+    return 2.0 * cradle.length, speed, speed / cradle.length
