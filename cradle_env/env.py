@@ -22,9 +22,7 @@ class NewtonCradleEnv(gym.Env[np.ndarray, np.ndarray]):
 
     def __init__(self, render_mode: str | None = None, **settings: Any) -> None:
         self.settings = Settings.of(**settings)
-        if render_mode is not None and render_mode not in self.metadata["render_modes"]:
-            raise ValueError(f"render_mode is {render_mode!r}; choose one of {', '.join(self.metadata['render_modes'])}")
-        self.render_mode = render_mode
+        self.render_mode = check_render_mode(render_mode, self.metadata)
         self.metadata = {**self.metadata, "render_fps": max(1, round(1.0 / self.settings.control_interval))}
         self.observation_space = observation_space(self.settings)
         self.action_space = action_space(self.settings)
@@ -50,7 +48,7 @@ class NewtonCradleEnv(gym.Env[np.ndarray, np.ndarray]):
         observation = np.empty(self._shape, self._dtype)
         self._episodes.begin(0, settings, cradle, angle, observation)
         self._ready = True
-        self._info = dict(zip(INFO, self._episodes.report[0].tolist(), strict=False))
+        self._info = self._shown()
         if self.render_mode == "human":
             self.render()
         return observation[0], self._info.copy()
@@ -96,8 +94,7 @@ class NewtonCradleEnv(gym.Env[np.ndarray, np.ndarray]):
         """The whole state, motion, hysteresis memory, random numbers and all; `set_state` puts it back."""
         return State(
             arrays=tuple(array.copy() for array in self._episodes.arrays()),
-            random=self.np_random.bit_generator.state,
-            info=dict(self._info),
+            random=[self.np_random.bit_generator.state],
             ready=self._ready,
         )
 
@@ -106,11 +103,14 @@ class NewtonCradleEnv(gym.Env[np.ndarray, np.ndarray]):
         if state.arrays[2].shape != self._episodes.state.shape:
             raise ValueError(f"the state is of {state.arrays[2].shape[1]} bobs; this cradle has {self.settings.bobs}")
         self._episodes.restore(state.arrays)
-        self.np_random.bit_generator.state = state.random
-        self._info, self._ready = dict(state.info), state.ready
+        self.np_random.bit_generator.state = state.random[0]
+        self._info, self._ready = self._shown(), state.ready
 
     def __getstate__(self) -> dict[str, Any]:
         return {**self.__dict__, "_canvas": None}
+
+    def _shown(self) -> dict[str, float]:
+        return dict(zip(INFO, self._episodes.report[0].tolist(), strict=False))  # the first part of the report
 
     def _refuse(self) -> NoReturn:
         if self._closed:
@@ -124,9 +124,15 @@ class NewtonCradleEnv(gym.Env[np.ndarray, np.ndarray]):
 
 @dataclass(frozen=True)
 class State:
-    """A state of an environment: arrays of its episode, its random numbers, its last info."""
+    """A state of one environment or of many: the arrays of their episodes, their random numbers."""
 
     arrays: tuple[np.ndarray, ...]
-    random: dict[str, Any]
-    info: dict[str, float]
+    random: list[dict[str, Any] | None]
     ready: bool
+
+
+def check_render_mode(mode: str | None, metadata: dict[str, Any]) -> str | None:
+    """The mode, if there is such a one; ValueError otherwise."""
+    if mode is not None and mode not in metadata["render_modes"]:
+        raise ValueError(f"render_mode is {mode!r}; choose one of {', '.join(metadata['render_modes'])}")
+    return mode
