@@ -200,6 +200,12 @@ class Cradle:
         return hash((self.bobs, self.length, self.kappa, self.k_f, self.b, self.delta, self.model))
 
 
+#: Fields of Cradle that are one number each.
+CRADLE_NUMBERS = tuple(
+    f.name for f in dataclasses.fields(Cradle) if f.name not in ("bobs", "delta", "model", "effects", "power_law")
+)
+
+
 @dataclass(frozen=True)
 class Release:
     """Bobs lifted and let go at rest at t = 0.

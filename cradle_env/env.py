@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, ClassVar, NoReturn
+from typing import Any, NoReturn
 
 import gymnasium as gym
 import numpy as np
@@ -18,7 +19,7 @@ from cradle_env.spaces import action_space, observation_space
 class NewtonCradleEnv(gym.Env[np.ndarray, np.ndarray]):
     """Newton's cradle."""
 
-    metadata: ClassVar[dict[str, Any]] = {"render_modes": ["human", "rgb_array", "ansi"], "render_fps": 60}
+    metadata: dict[str, Any] = {"render_modes": ["human", "rgb_array", "ansi"], "render_fps": 60}  # noqa: RUF012  as Gymnasium declares it
 
     def __init__(self, render_mode: str | None = None, **settings: Any) -> None:
         self.settings = Settings.of(**settings)
@@ -57,17 +58,14 @@ class NewtonCradleEnv(gym.Env[np.ndarray, np.ndarray]):
         """One control interval."""
         if not self._ready:
             self._refuse()
-        try:
-            if action.shape != self._action.shape[1:]:
-                self._refuse_action(action)
-            self._action[0] = action
-        except (AttributeError, TypeError, ValueError):
-            self._refuse_action(action)
+        if not isinstance(action, np.ndarray) or action.shape != self._action.shape[1:]:
+            action = self.settings.checked_action(action)
+        self._action[0] = action
         observation = np.empty(self._shape, self._dtype)
         status = self._stepper.step(self._episodes, self._action, observation, 0, 1)
         if status:
             if status == BAD_ACTION:
-                self._refuse_action(action)
+                self.settings.checked_action(action)
             self._ready = False
             check_status(status, self._info["time"])
         row = self._episodes.report[0].tolist()
@@ -103,7 +101,7 @@ class NewtonCradleEnv(gym.Env[np.ndarray, np.ndarray]):
         if state.arrays[2].shape != self._episodes.state.shape:
             raise ValueError(f"the state is of {state.arrays[2].shape[1]} bobs; this cradle has {self.settings.bobs}")
         self._episodes.restore(state.arrays)
-        self.np_random.bit_generator.state = state.random[0]
+        self.np_random.bit_generator.state = state.random[0]  # type: ignore[assignment]
         self._info, self._ready = self._shown(), state.ready
 
     def __getstate__(self) -> dict[str, Any]:
@@ -117,17 +115,13 @@ class NewtonCradleEnv(gym.Env[np.ndarray, np.ndarray]):
             raise error.ClosedEnvironmentError("this environment is closed; make another")
         raise error.ResetNeeded("call reset before step")
 
-    def _refuse_action(self, action: Any) -> NoReturn:
-        names = ", ".join(self.settings.actions)
-        raise error.InvalidAction(f"action is {action!r}; it must be {len(self.settings.actions)} numbers in [-1, 1]: {names}")
-
 
 @dataclass(frozen=True)
 class State:
     """A state of one environment or of many: the arrays of their episodes, their random numbers."""
 
     arrays: tuple[np.ndarray, ...]
-    random: list[dict[str, Any] | None]
+    random: list[Mapping[str, Any] | None]
     ready: bool
 
 

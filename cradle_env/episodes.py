@@ -16,7 +16,7 @@ from cradle_env.spaces import largest
 from cradle_env.synchronization import ENVELOPE_PERIODS, FLOOR, WINDOW
 
 #: Columns of `report` that an info shows.
-INFO = control.REPORT[: control.REPORT.index("reward")]
+INFO: tuple[str, ...] = control.REPORT[: control.REPORT.index("reward")]
 REWARD, SYNCHRONIZED, OVER = (control.REPORT.index(name) for name in ("reward", "synchronized", "over"))
 # Integration step over that of `simulate`: 1e-8 rad instead of 1e-10 over 10 s.
 _STEP_FACTOR = 2.0

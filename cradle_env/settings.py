@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 import functools
 import math
-import tomllib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -13,22 +12,17 @@ from types import MappingProxyType
 from typing import Any
 
 import numpy as np
+from gymnasium.error import InvalidAction
 
-from cradle_env.cradle import Cradle, Release
-from cradle_env.effects import MODELS, effect
+from cradle_env.cradle import CRADLE_NUMBERS, Cradle, Release
 from cradle_env.errors import check_range, unknown_key
+from cradle_env.model_files import read_model, read_posterior
 
 #: What an action can set.
 ACTIONS = ("delta", "release_angle")
 REWARDS = ("synchronize", "sustain")
 #: δ over which the mechanics are tested.
 DELTA_LIMITS = (-0.05, 0.2)
-#: Fields of Cradle that are numbers, and may therefore be ranges, and differ from episode to episode.
-CRADLE_NUMBERS = tuple(
-    f.name
-    for f in dataclasses.fields(Cradle)
-    if f.name not in ("bobs", "delta", "model", "effects", "power_law")
-)
 #: What `reset(options=...)` can change for one episode.
 PER_EPISODE = ("delta", "release_angle", *CRADLE_NUMBERS)
 
@@ -145,7 +139,7 @@ class Settings:
         value = self._given(name)
         return () if value is None else tuple(value) if _is_range(value) else (value, value)
 
-    def _cradle(self, values: Mapping[str, float]) -> Cradle:
+    def _cradle(self, values: Mapping[str, Any]) -> Cradle:
         fields = {**self.cradle, **{k: v for k, v in values.items() if k != "release_angle"}}
         return Cradle(bobs=self.bobs, model=self.model, effects=self.effects, **fields)
 
@@ -166,7 +160,9 @@ class Settings:
     @functools.cached_property
     def fixed(self) -> Cradle | None:
         """The cradle of every episode; None where a range is drawn."""
-        return None if any(_is_range(self._given(name)) for name in PER_EPISODE) else self._cradle({"delta": self.delta})
+        return (
+            None if any(_is_range(self._given(name)) for name in PER_EPISODE) else self._cradle({"delta": self.delta})
+        )
 
     def drawn(
         self, rng: np.random.Generator, posterior: Mapping[str, np.ndarray] | None = None
@@ -194,6 +190,25 @@ class Settings:
             cradle = cradle.replace(effects=effects, **fields)
         return cradle, values["release_angle"]
 
+    def checked_action(self, action: Any) -> np.ndarray:
+        """The action as float64; InvalidAction unless it has one number in [−1, 1] for each of `actions`."""
+        try:
+            numbers = np.asarray(action, dtype=float)
+        except (TypeError, ValueError):
+            numbers = np.empty(0)
+        if numbers.shape != (len(self.actions),) or not (np.abs(numbers) <= 1.0).all():
+            wanted = f"{len(self.actions)} numbers in [-1, 1]: {', '.join(self.actions)}"
+            raise InvalidAction(f"action is {action!r}; it must be {wanted}")
+        return numbers
+
+    def meaning(self, action: np.ndarray, cradle: Cradle, angle: float) -> dict[str, float]:
+        """δ and release angle [rad] that an action stands for, on a cradle and at an angle that were drawn."""
+        drawn = {"delta": float(cradle.gaps[0]) if cradle.bobs > 1 else 0.0, "release_angle": angle}
+        for name, number in zip(self.actions, action, strict=True):
+            low, high = getattr(self, f"{name}_range")
+            drawn[name] = float(np.interp(number, [-1.0, 0.0, 1.0], [low, drawn[name], high]))
+        return drawn
+
     def widest(self) -> Cradle:
         """The cradle with the upper end of every range."""
         return self._cradle({name: self._ends(name)[-1] for name in PER_EPISODE if self._ends(name)})
@@ -205,56 +220,3 @@ def _settings(fields: dict[str, Any]) -> Settings:
 
 def _is_range(value: Any) -> bool:
     return isinstance(value, Sequence | np.ndarray) and not isinstance(value, str) and len(value) == 2
-
-
-def read_model(path: Path) -> tuple[str, dict[str, dict[str, float]]]:
-    """(base, effects) of the [model] table of a TOML file; ValueError, naming file and key, if it is not one."""
-    try:
-        content = tomllib.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise ValueError(f"{path}: {error.strerror or error}; name a TOML file with a [model] table") from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise ValueError(f"{path} is no TOML file: {error}") from None
-    model = content.get("model")
-    if not isinstance(model, dict):
-        raise ValueError(f"{path} has no [model] table; write one, with base and effects")
-    for key in model:
-        if key not in ("base", "effects", "parameters"):
-            raise ValueError(f"{path}: " + unknown_key("key of [model]", key, ("base", "effects", "parameters")))
-    base = model.get("base", "nsp")
-    if base not in MODELS:
-        raise ValueError(f"{path}: " + unknown_key("base", str(base), MODELS))
-    parameters = model.get("parameters", {})
-    effects: dict[str, dict[str, float]] = {}
-    for name in (*model.get("effects", ()), *parameters):
-        declared = effect(name.removeprefix("-"))
-        values = parameters.get(name, {})
-        missing = [p.key for p in declared.parameters if p.key not in values]
-        if missing and not name.startswith("-"):
-            raise ValueError(f"{path}: effect {name} has no value for {', '.join(missing)}; state it in [model.parameters]")
-        effects[name] = dict(values)
-    return base, effects
-
-
-@functools.lru_cache(maxsize=8)
-def _posterior(path: str, _changed: float) -> Mapping[str, np.ndarray]:
-    import h5py
-
-    try:
-        with h5py.File(path) as file:
-            group: Any = file["posterior"]
-            draws = {name: np.ravel(group[name][()]) for name in group if name in CRADLE_NUMBERS or "." in name}
-    except (OSError, KeyError):
-        raise ValueError(f"{path} is no posterior of a calibration; name the posterior.nc that one has written") from None
-    if not draws:
-        raise ValueError(f"{path} holds no parameter of a cradle")
-    return MappingProxyType(draws)
-
-
-def read_posterior(path: Any) -> Mapping[str, np.ndarray]:
-    """Joint draws of a calibration, posterior.nc, by name of the parameter; each of shape (draws,)."""
-    try:
-        changed = Path(path).stat().st_mtime
-    except (OSError, TypeError):
-        raise ValueError(f"there is no file {str(path)!r}; name the posterior.nc of a calibration") from None
-    return _posterior(str(path), changed)

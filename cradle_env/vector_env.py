@@ -79,7 +79,7 @@ class NewtonCradleVectorEnv(VectorEnv):
         which = _checked_mask(options.pop("reset_mask", None), self.num_envs)
         if not self._ready:
             self._observations = np.zeros(self.observation_space.shape, self.settings.dtype)  # type: ignore[arg-type]
-        for k in np.flatnonzero(which):
+        for k in _indices(which):
             if seeds[k] is not None:
                 self._random[k], self._seeds[k] = seeding.np_random(seeds[k])
             self._begin(k, options)
@@ -106,10 +106,8 @@ class NewtonCradleVectorEnv(VectorEnv):
             raise error.ResetNeeded("call reset before step")
         actions = self._checked_actions(actions)
         if self.autoreset_mode is AutoresetMode.DISABLED and self._over.any():
-            raise error.ResetNeeded(
-                f"episodes {np.flatnonzero(self._over).tolist()} are over; reset them with options reset_mask"
-            )
-        waiting = np.flatnonzero(self._over)
+            raise error.ResetNeeded(f"episodes {_indices(self._over)} are over; reset them with options reset_mask")
+        waiting = _indices(self._over)
         custom = [k for k, own in enumerate(self._each) if not isinstance(own.reward, str)]
         before = {k: self._info(k) for k in custom}
         self._advance(actions, waiting)
@@ -128,7 +126,7 @@ class NewtonCradleVectorEnv(VectorEnv):
         last: dict[str, Any] = {}
         if self.autoreset_mode is AutoresetMode.SAME_STEP and self._over.any():
             final = np.full(self.num_envs, None, dtype=object)
-            for k in np.flatnonzero(self._over):
+            for k in _indices(self._over):
                 final[k] = self._observations[k].copy()
             last = {
                 "final_obs": final,
@@ -136,7 +134,7 @@ class NewtonCradleVectorEnv(VectorEnv):
                 "final_info": self._infos(self._over),
                 "_final_info": self._over.copy(),
             }
-            for k in np.flatnonzero(self._over):
+            for k in _indices(self._over):
                 self._begin(k)
             self._over = np.zeros(self.num_envs, bool)
         return self._observations.copy(), rewards, terminated, truncated, {**last, **self._infos()}
@@ -150,11 +148,11 @@ class NewtonCradleVectorEnv(VectorEnv):
             raise error.InvalidAction(f"actions have shape {np.shape(actions)}; give numbers {self.action_space.shape}")
         outside = ~(np.abs(checked) <= 1.0).all(axis=1)
         if outside.any():
-            k = int(np.flatnonzero(outside)[0])
+            k = _indices(outside)[0]
             raise error.InvalidAction(f"the action of environment {k} is {checked[k].tolist()}; it must be in [-1, 1]")
         return checked
 
-    def _advance(self, actions: np.ndarray, waiting: np.ndarray) -> None:
+    def _advance(self, actions: np.ndarray, waiting: list[int]) -> None:
         """Steps all episodes but those waiting, each thread a part of them."""
         bounds = np.linspace(0, self.num_envs, len(self._steppers) + 1).astype(int)
 
@@ -174,7 +172,7 @@ class NewtonCradleVectorEnv(VectorEnv):
             failed = list(self._pool.map(work, range(len(self._steppers))))
         if any(failed):
             self._ready = False
-            k = int(np.flatnonzero(self._episodes.episodes["status"])[0])
+            k = _indices(self._episodes.episodes["status"] != 0)[0]
             check_status(int(self._episodes.episodes["status"][k]), float(self._episodes.report[k, 0]))
 
     def _info(self, k: int) -> dict[str, float]:
@@ -196,7 +194,9 @@ class NewtonCradleVectorEnv(VectorEnv):
     def get_state(self) -> State:
         """The whole state of all environments; `set_state` puts it back."""
         return State(
-            arrays=tuple(array.copy() for array in (*self._episodes.arrays(), self._observations, self._steps, self._over)),
+            arrays=tuple(
+                array.copy() for array in (*self._episodes.arrays(), self._observations, self._steps, self._over)
+            ),
             random=[None if random is None else random.bit_generator.state for random in self._random],
             ready=self._ready,
         )
@@ -215,12 +215,12 @@ class NewtonCradleVectorEnv(VectorEnv):
         self._ready = state.ready
 
     @property
-    def np_random_seed(self) -> tuple[int, ...]:
+    def np_random_seed(self) -> tuple[int, ...]:  # type: ignore[override]
         """Seeds of the environments."""
         return tuple(self._seeds)
 
     @property
-    def np_random(self) -> tuple[np.random.Generator | None, ...]:
+    def np_random(self) -> tuple[np.random.Generator | None, ...]:  # type: ignore[override]
         """Random generators of the environments."""
         return tuple(self._random)
 
@@ -233,6 +233,10 @@ class NewtonCradleVectorEnv(VectorEnv):
 
     def __getstate__(self) -> dict[str, Any]:
         return {**self.__dict__, "_pool": None}
+
+
+def _indices(which: Any) -> list[int]:
+    return np.flatnonzero(which).tolist()
 
 
 def _checked_mask(mask: Any, count: int) -> np.ndarray:

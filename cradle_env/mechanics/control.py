@@ -2,9 +2,7 @@
 
 import math
 
-import numpy as np
-
-from cradle_env.mechanics.events import DONE, FULL, advance, string_work
+from cradle_env.mechanics.events import DONE, FULL, NOT_FINITE, advance, string_work
 from cradle_env.mechanics.forces import pivot_at
 from cradle_env.mechanics.jit import entry, jit
 from cradle_env.mechanics.motion import between, energy_between
@@ -13,7 +11,6 @@ from cradle_env.mechanics.parameters import (
     COLUMNS,
     CONTACT_LOSS,
     DRAG,
-    LOST,
     START,
     SUSTAIN,
     SYNCHRONIZE,
@@ -34,18 +31,20 @@ _EDGE = 1e-9
 _BEFORE = 1e-13
 
 #: Columns of `report`, in order; energies in J.
-REPORT = (
+REPORT: tuple[str, ...] = (
     "time", "delta", "release_angle", "sigma", "newton_exponent", "impacts", "fastest_impact", "kinetic", "gravity",
     "strings", "drag", "collisions", "spacer", "reward", "synchronized", "over",
 )  # fmt: skip
 
 
 @entry
-def step(cradles, bobs, table, S, W, angles, episodes, ring, actions, times, motion, impacts, observations, report, lo, hi):
+def step(
+    cradles, bobs, table, S, W, angles, episodes, ring, actions, times, motion, impacts, observations, report, lo, hi
+):
     """One control interval of the episodes lo..hi-1; returns the first status that is not DONE.
 
-    cradles (K,) CRADLE; bobs (K, N) BOB; S (K, N, COLUMNS); W and angles (N,): scratch; episodes (K,) EPISODE; ring (K, R) rad: the
-    lifted bob's angle over sigma's window; actions (K, A) in [-1, 1]; times (0,) and motion (0, 0, 4): nothing;
+    cradles (K,) CRADLE; bobs (K, N) BOB; S (K, N, COLUMNS); W and angles (N,): scratch; episodes (K,) EPISODE;
+    ring (K, R) rad: the lifted bob's angle over sigma's window; actions (K, A) in [-1, 1]; times (0,) and motion (0, 0, 4): nothing;
     impacts (M, 4): those of the last run's interval; observations (K, 4 N + 3); report (K, len(REPORT)).
     """
     worst = DONE
@@ -93,6 +92,8 @@ def _step(cradle, bobs, table, S, W, angles, episode, ring, action, times, motio
         if status != DONE:
             return status
         finite, took = drive(cradle, bobs, S, W, start, rate, times, motion, motion)
+        if not finite:
+            return NOT_FINITE
         episode.rate = rate
         episode.collisions += took
 

@@ -1,0 +1,73 @@
+"""Files that describe a model: a [model] table, and the posterior of a calibration."""
+
+from __future__ import annotations
+
+import functools
+import tomllib
+from collections.abc import Mapping
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+
+from cradle_env.cradle import CRADLE_NUMBERS
+from cradle_env.effects import MODELS, effect
+from cradle_env.errors import unknown_key
+
+
+def read_model(path: Path) -> tuple[str, dict[str, dict[str, float]]]:
+    """(base, effects) of the [model] table of a TOML file; ValueError, naming file and key, if it is not one."""
+    try:
+        content = tomllib.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise ValueError(f"{path}: {error.strerror or error}; name a TOML file with a [model] table") from None
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise ValueError(f"{path} is no TOML file: {error}") from None
+    model = content.get("model")
+    if not isinstance(model, dict):
+        raise ValueError(f"{path} has no [model] table; write one, with base and effects")
+    for key in model:
+        if key not in ("base", "effects", "parameters"):
+            raise ValueError(f"{path}: " + unknown_key("key of [model]", key, ("base", "effects", "parameters")))
+    base = model.get("base", "nsp")
+    if base not in MODELS:
+        raise ValueError(f"{path}: " + unknown_key("base", str(base), MODELS))
+    parameters = model.get("parameters", {})
+    effects: dict[str, dict[str, float]] = {}
+    for name in (*model.get("effects", ()), *parameters):
+        declared = effect(name.removeprefix("-"))
+        values = parameters.get(name, {})
+        missing = [p.key for p in declared.parameters if p.key not in values]
+        if missing and not name.startswith("-"):
+            raise ValueError(
+                f"{path}: effect {name} has no value for {', '.join(missing)}; state it in [model.parameters]"
+            )
+        effects[name] = dict(values)
+    return base, effects
+
+
+@functools.lru_cache(maxsize=8)
+def _posterior(path: str, _changed: float) -> Mapping[str, np.ndarray]:
+    import h5py
+
+    try:
+        with h5py.File(path) as file:
+            group: Any = file["posterior"]
+            draws = {name: np.ravel(group[name][()]) for name in group if name in CRADLE_NUMBERS or "." in name}
+    except (OSError, KeyError):
+        raise ValueError(
+            f"{path} is no posterior of a calibration; name the posterior.nc that one has written"
+        ) from None
+    if not draws:
+        raise ValueError(f"{path} holds no parameter of a cradle")
+    return MappingProxyType(draws)
+
+
+def read_posterior(path: Any) -> Mapping[str, np.ndarray]:
+    """Joint draws of a calibration, posterior.nc, by name of the parameter; each of shape (draws,)."""
+    try:
+        changed = Path(path).stat().st_mtime
+    except (OSError, TypeError):
+        raise ValueError(f"there is no file {str(path)!r}; name the posterior.nc of a calibration") from None
+    return _posterior(str(path), changed)
