@@ -44,8 +44,8 @@ def step(
     """One control interval of the episodes lo..hi-1; returns the first status that is not DONE.
 
     cradles (K,) CRADLE; bobs (K, N) BOB; S (K, N, COLUMNS); W and angles (N,): scratch; episodes (K,) EPISODE;
-    ring (K, R) rad: the lifted bob's angle over sigma's window; actions (K, A) in [-1, 1]; times (0,) and motion (0, 0, 4): nothing;
-    impacts (M, 4): those of the last run's interval; observations (K, 4 N + 3); report (K, len(REPORT)).
+    ring (K, R) rad: the lifted bob's angle over sigma's window; actions (K, A) in [-1, 1]; times (0,) and motion
+    (0, 0, 4): nothing; impacts (M, 4): those of the last run's interval; observations (K, 4 N + 3); report (K, len(REPORT)).
     """
     worst = DONE
     for k in range(lo, hi):
