@@ -76,8 +76,8 @@ class Scene:
 
 def extent(cradle: Cradle) -> tuple[float, float]:
     """Half width and depth below the pivots [m] that hold every bob, lifted by ±1.5 rad, its strings stretched."""
-    # At the bottom of a swing from the horizontal the strings carry three times the weight.
-    length = cradle.length * (1.0 + 3.0 * cradle.beta**2 * cradle.has("radial_elasticity"))
+    # At the bottom of a swing from the horizontal strings carry three times the weight; for a moment, twice that.
+    length = cradle.length * (1.0 + 6.0 * cradle.beta**2 * cradle.has("radial_elasticity"))
     reach = length * (1.0 if cradle.has("large_angle") else LIFT)
     return float(np.abs(cradle.pivots).max() + reach + cradle.radius), length + cradle.radius
 
