@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from identification.experiment import Experiment
 
@@ -39,6 +40,15 @@ def test_the_example_experiment_is_what_its_script_makes(tmp_path):
 def test_an_effect_of_ones_own_takes_energy(capsys):
     assert example("own_effect")["main"](duration=6.0) > 1e-4
     assert "with a magnet: λ = " in capsys.readouterr().out
+
+
+def test_the_film_is_made(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(sys, "argv", ["film.py", "--out", str(tmp_path), "--seconds", "1.0"])
+    example("film")["main"]()
+    assert "film.gif" in capsys.readouterr().out
+    for name, frames in (("film.gif", 21), ("still.png", 1)):
+        with Image.open(tmp_path / name) as picture:
+            assert (picture.size, getattr(picture, "n_frames", 1)) == ((800, 600), frames)
 
 
 @pytest.mark.slow

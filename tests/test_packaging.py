@@ -57,7 +57,7 @@ def test_every_imported_package_is_declared(package):
     extras = PROJECT["optional-dependencies"]
     shipped = PROJECT["dependencies"] + extras["render"] + extras["video"] + extras["cluster"]
     declared = {re.match(r"[\w-]+", requirement).group() for requirement in shipped}
-    home = {"cv2": "opencv-python-headless", "llvmlite": "numba", "pygame": "pygame-ce"}
+    home = {"cv2": "opencv-python-headless", "llvmlite": "numba", "PIL": "pillow", "pygame": "pygame-ce"}
     imported = set()
     for file in (ROOT / package).rglob("*.py"):
         for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
