@@ -8,16 +8,122 @@ from typing import Any, NoReturn
 
 import gymnasium as gym
 import numpy as np
-from gymnasium import error
+from gymnasium import error, logger
 
 from cradle_env.episodes import INFO, OVER, REWARD, SYNCHRONIZED, Episodes, Stepper, check_status
 from cradle_env.mechanics.control import BAD_ACTION
 from cradle_env.settings import Settings
 from cradle_env.spaces import action_space, observation_space
+from cradle_env.view import View
 
 
 class NewtonCradleEnv(gym.Env[np.ndarray, np.ndarray]):
-    """Newton's cradle."""
+    """Newton's cradle of N bobs on elastic strings, whose spacer the agent moves while the bobs click.
+
+    ## Description
+
+    N steel bobs hang side by side, each on strings that stretch and lose energy in every stretch. One is lifted and
+    let go. What looks like a perfect exchange decays: every impact leaves a little motion with the bobs between,
+    until all swing together, *synchronized*. σ measures how far they are from it (1 after the release, 0 when
+    synchronized), λ how fast they get there, σ ≈ exp(−λt). The motion is that of Lee & Hong's nonlinear spring
+    pendulums (arXiv:2401.16693), simulated to some 10⁻⁸ rad, impact by impact.
+
+    The agent chooses how far the lifted bob is released, and how wide the spacer holds the pivots apart: δ is the
+    distance of neighbouring pivots over the diameter of a bob, minus 1. At δ < 0 the bobs lean on each other, at
+    δ > 0 they hang apart.
+
+    ## Action space
+
+    `Box(-1, 1, (A,), float32)` with one number for each of `actions`, by default both and in this order:
+
+    | action | what it sets | −1 | 0 | 1 | unit |
+    |---|---|---|---|---|---|
+    | `delta` | where the spacer goes, at most `spacer_speed` fast | −0.02 | `delta` | 0.1 | 1 |
+    | `release_angle` | angle of release; only the first step's counts | 0.05 | `release_angle` | 0.5 | rad |
+
+    −1 and 1 stand for the ends of `delta_range` and `release_angle_range`, 0 for the setting, and numbers between for
+    what lies between. The first step sets both and lets go. From then on the spacer moves each pivot at a constant
+    velocity through every control interval. This does work on the bobs, which `info["spacer"]` counts: no energy
+    comes from nowhere. A release angle at which the lifted bob would press on its neighbours is raised to where it
+    hangs.
+
+    ## Observation space
+
+    `Box((4 N + 3,), float32)`, or float64 by `dtype`; the mechanics are always float64.
+
+    | entries | what | unit | least | largest |
+    |---|---|---|---|---|
+    | 0 … N − 1 | r: distance of each bob from its pivot | m | 0 | 2 r0 |
+    | N … 2N − 1 | θ: its angle from the vertical | rad | −π | π |
+    | 2N … 3N − 1 | dr/dt | m/s | −4 √(g r0) | 4 √(g r0) |
+    | 3N … 4N − 1 | dθ/dt | rad/s | −4 √(g/r0) | 4 √(g/r0) |
+    | 4N | δ | 1 | −1 | 1 |
+    | 4N + 1 | σ, see below | 1 | 0 | 2 |
+    | 4N + 2 | time since the release | s | 0 | `duration` |
+
+    σ(t) = |max θ + min θ| / θ0 of the lifted bob over the last 1.05 periods: the paper's σ at the middle of that
+    window, the latest that can be known at t. Until the first window is full σ is 1.
+
+    `info` has the same keys after `reset` and `step`: `time` [s], `delta`, `release_angle` [rad], `sigma`,
+    `newton_exponent` (λ so far [1/s], 0 while unknown), `impacts` (number in this step), `fastest_impact` [m/s], and
+    the energies [J] `kinetic`, `gravity`, `strings` (held and lost by them), `drag`, `collisions` (taken so far),
+    `spacer` (brought in so far). kinetic + gravity + strings + drag + collisions − spacer is constant. The impacts
+    themselves are `env.unwrapped.impacts`.
+
+    ## Rewards
+
+    - `"synchronize"`: Φ(after) − Φ(before) − interval/duration with Φ = −ln σ, held between 0 and −ln 0.05. The
+      shaping telescopes, so that an episode returns at most −ln 0.05 = 3.0 minus the part of the duration that it
+      took: the optimum synchronizes as soon as possible. With nothing done (δ = 0, N = 5) it returns about 2.4.
+    - `"sustain"`: σ · interval/duration (σ counted up to 1). At most 1, for a cradle that never synchronizes.
+    - any function of two infos, before and after the step, to a number.
+
+    ## Starting state
+
+    The bobs hang at rest at the setting's δ, or, where the release angle is not an action, are held lifted.
+
+    ## Episode end
+
+    Terminated when synchronized: σ ≤ `synchronized_at` throughout a whole window. Truncated after `duration`; the
+    registered time limit is 3600 steps, which is 60 s, so a longer episode needs `max_episode_steps` too.
+
+    ## Arguments
+
+    ```python
+    gym.make("NewtonCradle-v0", bobs=5, delta=0.0, release_angle=0.228)
+    ```
+
+    | argument | default | |
+    |---|---|---|
+    | `bobs` | 5 | N, 1 to 200 |
+    | `delta` | 0.0 | of all gaps, −0.05 to 0.2 |
+    | `release_angle` | 0.228 | rad |
+    | `released_bobs` | 1 | how many bobs are lifted, from the last |
+    | `start` | "unstretched" | or "hanging": length of the lifted strings |
+    | `model`, `effects` | "nsp", {} | as in `Cradle`; or the path of a TOML file with a [model] table |
+    | any number of `Cradle` | | `k_f`, `kappa`, `b`, `mass`, `length`, … |
+    | `actions` | ("delta", "release_angle") | one or both |
+    | `delta_range` | (−0.02, 0.1) | |
+    | `release_angle_range` | (0.05, 0.5) | rad |
+    | `spacer_speed` | 0.01 | fastest change of a gap, m/s |
+    | `control_interval` | 1/60 | s |
+    | `duration` | 60.0 | s |
+    | `reward` | "synchronize" | or "sustain", or a function |
+    | `synchronized_at` | 0.05 | σ |
+    | `dtype` | float32 | or float64 |
+    | `render_mode` | None | "human", "rgb_array" or "ansi" |
+
+    `delta`, `release_angle` and the numbers of `Cradle` may be ranges (low, high), drawn anew by `reset` from the
+    environment's random numbers. `reset(options={...})` changes any of these for one episode;
+    `options={"posterior": "posterior.nc"}` draws what a calibration inferred, jointly.
+
+    `get_state` and `set_state` save and restore everything, hysteresis and random numbers too, bit for bit.
+    `make_vec("NewtonCradle-v0", num_envs=K)` steps K cradles in one call on all cores.
+
+    ## Version history
+
+    v0: first version.
+    """
 
     metadata: dict[str, Any] = {"render_modes": ["human", "rgb_array", "ansi"], "render_fps": 60}  # noqa: RUF012  as Gymnasium declares it
 
@@ -34,8 +140,8 @@ class NewtonCradleEnv(gym.Env[np.ndarray, np.ndarray]):
         self._dtype = self.settings.dtype
         self._reward = None if isinstance(self.settings.reward, str) else self.settings.reward
         self._info: dict[str, float] = {}
+        self._view = None if render_mode is None else View(render_mode, self.metadata["render_fps"], self.settings)
         self._ready, self._closed = False, False
-        self._canvas = None
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -50,8 +156,10 @@ class NewtonCradleEnv(gym.Env[np.ndarray, np.ndarray]):
         self._episodes.begin(0, settings, cradle, angle, observation)
         self._ready = True
         self._info = self._shown()
-        if self.render_mode == "human":
-            self.render()
+        if self._view is not None:
+            self._view.begin()
+            if self.render_mode == "human":
+                self.render()
         return observation[0], self._info.copy()
 
     def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
@@ -72,16 +180,26 @@ class NewtonCradleEnv(gym.Env[np.ndarray, np.ndarray]):
         info = dict(zip(INFO, row, strict=False))  # the first part of the report
         reward = row[REWARD] if self._reward is None else float(self._reward(self._info, info))
         self._info = info
-        if self.render_mode == "human":
-            self.render()
+        if self._view is not None:
+            self._view.follow(info, self.impacts)
+            if self.render_mode == "human":
+                self.render()
         return observation[0], reward, row[SYNCHRONIZED] > 0.0, row[OVER] > 0.0, info
 
     def render(self) -> Any:
         """A picture as (H, W, 3) uint8, a text, or a window, by `render_mode`."""
+        if self._view is None:
+            logger.warn('nothing to render: make the environment with render_mode="human", "rgb_array" or "ansi"')
+            return None
+        if not self._info:
+            self._refuse()
+        return self._view.render(self._episodes, 0, self._info)
 
     def close(self) -> None:
         """Closes the window; no step afterwards."""
         self._ready, self._closed = False, True
+        if self._view is not None:
+            self._view.close()
 
     @property
     def impacts(self) -> np.ndarray:
@@ -103,9 +221,6 @@ class NewtonCradleEnv(gym.Env[np.ndarray, np.ndarray]):
         self._episodes.restore(state.arrays)
         self.np_random.bit_generator.state = state.random[0]  # type: ignore[assignment]
         self._info, self._ready = self._shown(), state.ready
-
-    def __getstate__(self) -> dict[str, Any]:
-        return {**self.__dict__, "_canvas": None}
 
     def _shown(self) -> dict[str, float]:
         return dict(zip(INFO, self._episodes.report[0].tolist(), strict=False))  # the first part of the report

@@ -17,6 +17,8 @@ from cradle_env.env import NewtonCradleEnv, State, check_render_mode
 from cradle_env.episodes import INFO, OVER, REWARD, SYNCHRONIZED, Episodes, Stepper, check_status
 from cradle_env.settings import Settings
 from cradle_env.spaces import action_space, observation_space
+from cradle_env.trajectory import IMPACT
+from cradle_env.view import View
 
 
 class NewtonCradleVectorEnv(VectorEnv):
@@ -64,6 +66,8 @@ class NewtonCradleVectorEnv(VectorEnv):
         workers = min(workers or os.cpu_count() or 1, self.num_envs)
         self._steppers = [Stepper(self.settings.bobs) for _ in range(workers)]
         self._pool: ThreadPoolExecutor | None = None
+        mode, fps = self.render_mode, NewtonCradleEnv.metadata["render_fps"]
+        self._views = [] if mode is None else [View(mode, fps, own) for own in self._each]
 
     def reset(
         self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
@@ -97,6 +101,8 @@ class NewtonCradleVectorEnv(VectorEnv):
         cradle, angle = settings.drawn(random, posterior)
         self._episodes.begin(k, settings, cradle, angle, self._observations)
         self._steps[k] = 0
+        if self._views:
+            self._views[k].begin()
 
     def step(self, actions: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
         """One control interval of every environment that is not to be reset first."""
@@ -120,6 +126,9 @@ class NewtonCradleVectorEnv(VectorEnv):
             if moved[k]:
                 rewards[k] = float(self._each[k].reward(before[k], self._info(k)))  # type: ignore[operator]
         self._steps[moved] += 1
+        for k, view in enumerate(self._views):
+            if moved[k]:
+                view.follow(self._info(k), np.zeros(0, IMPACT))
         terminated = moved & (report[:, SYNCHRONIZED] > 0.0)
         truncated = moved & ((report[:, OVER] > 0.0) | (self._steps >= self._limit))
         self._over = terminated | truncated
@@ -188,8 +197,10 @@ class NewtonCradleVectorEnv(VectorEnv):
         return infos
 
     def render(self) -> tuple[Any, ...] | None:
-        """The pictures of all environments."""
-        return None
+        """The pictures of all environments; impacts are not marked."""
+        if not self._views:
+            return None
+        return tuple(view.render(self._episodes, k, self._info(k)) for k, view in enumerate(self._views))
 
     def get_state(self) -> State:
         """The whole state of all environments; `set_state` puts it back."""
@@ -225,7 +236,9 @@ class NewtonCradleVectorEnv(VectorEnv):
         return tuple(self._random)
 
     def close_extras(self, **kwargs: Any) -> None:
-        """Ends the threads."""
+        """Ends the threads, closes the windows."""
+        for view in self._views:
+            view.close()
         self._ready = False
         if self._pool is not None:
             self._pool.shutdown()

@@ -2,24 +2,29 @@
 
 import math
 
+from cradle_env.mechanics.contact import place
 from cradle_env.mechanics.events import DONE, FULL, NOT_FINITE, advance, string_work
 from cradle_env.mechanics.forces import pivot_at
 from cradle_env.mechanics.jit import entry, jit
 from cradle_env.mechanics.motion import between, energy_between
 from cradle_env.mechanics.parameters import (
+    BRANCH,
     BROUGHT,
     COLUMNS,
     CONTACT_LOSS,
     DRAG,
+    S_REF,
     START,
     SUSTAIN,
     SYNCHRONIZE,
     T0,
     T1,
+    T_REF,
     WORK,
 )
 from cradle_env.mechanics.spacer import drive, pivot_per_delta
 from cradle_env.mechanics.start import lift
+from cradle_env.mechanics.strings import stretch, tension
 
 # What a step can end with, beside what a run can.
 BAD_ACTION = 10
@@ -45,7 +50,8 @@ def step(
 
     cradles (K,) CRADLE; bobs (K, N) BOB; S (K, N, COLUMNS); W and angles (N,): scratch; episodes (K,) EPISODE;
     ring (K, R) rad: the lifted bob's angle over sigma's window; actions (K, A) in [-1, 1]; times (0,) and motion
-    (0, 0, 4): nothing; impacts (M, 4): those of the last run's interval; observations (K, 4 N + 3); report (K, len(REPORT)).
+    (0, 0, 4): nothing; impacts (M, 4): those of the last run's interval; observations (K, 4 N + 3);
+    report (K, len(REPORT)).
     """
     worst = DONE
     for k in range(lo, hi):
@@ -286,3 +292,22 @@ def begin(cradles, bobs, S, W, angles, episodes, observations, report, k):
     report[k, 1], report[k, 2], report[k, 3] = episodes[k].delta, held, episodes[k].sigma
     energies(cradles[k], bobs[k], S[k], episodes[k], 0.0, report[k])
     observe(cradles[k], bobs[k], S[k], episodes[k], observations[k])
+
+
+@entry
+def drawing(cradles, bobs, S, episodes, k, out):
+    """Of each bob of episode k, into out (N, 3): x and z in the room [m], and the load of its strings over that at
+    rest."""
+    t = max(episodes[k].steps, 0) * episodes[k].interval * cradles[k].step
+    for i in range(bobs.shape[1]):
+        bob = bobs[k, i]
+        x, z, vx, vz = motion_at(S[k], i, t)
+        out[i, 2] = 1.0
+        if cradles[k].elastic:
+            r2 = (x - pivot_at(bob, t)) ** 2 + z * z
+            pull = tension(bob, S[k, i, BRANCH], S[k, i, S_REF], S[k, i, T_REF], stretch(bob, r2))
+            out[i, 2] = pull * bob.grip / (bob.mass * cradles[k].gravity)
+        x, z, vx, vz = place(cradles[k], bob, t, x, z, vx, vz)
+        out[i, 0], out[i, 1] = x, z
+        if cradles[k].large_angle == 0:
+            out[i, 1] = -bob.length
