@@ -47,19 +47,36 @@ def bob_on_moving_pivot(cradle: Cradle, angle: float, speeds: np.ndarray, interv
     du, the velocity relative to it jumps by -du along x. Elastic strings are released unstretched, but hang stretched.
     """
     m, g, r0, a, b = cradle.mass, cradle.gravity, cradle.length, cradle.pivot_half_spacing, cradle.b
-    elastic = cradle.has("radial_elasticity")
+    elastic, hysteretic = cradle.has("radial_elasticity"), cradle.has("string_hysteresis")
+    memory = {"loading": True, "s": 0.0, "T": 0.0}  # the branch of eq. 4 and the point at which it began
+
+    def tension(s):
+        if memory["loading"]:
+            return memory["T"] + cradle.kappa * (s - memory["s"])
+        return memory["T"] * (s / memory["s"]) ** 2
+
+    def stretch(r):
+        return np.hypot(r, a) - np.hypot(r0, a)
+
+    def reverse(r):
+        s = stretch(r)
+        memory.update(loading=not memory["loading"], s=s, T=tension(s))
 
     def rates(_t, y, u):
         theta, r, w, v, _ = y
         drag_r, drag_t = -b * (v + u * np.sin(theta)), -b * (r * w + u * np.cos(theta))
         if elastic:
-            pull = 4 * cradle.kappa * (np.hypot(r, a) - np.hypot(r0, a)) * r0 / np.hypot(r0, a)
+            pull = 4 * tension(stretch(r)) * r0 / np.hypot(r0, a)
             dv = r * w**2 + g * np.cos(theta) + (drag_r - pull) / m
         else:
             pull, dv = m * r * w**2 + m * g * np.cos(theta) + drag_r, 0.0
         dw = (-g * np.sin(theta) - 2 * v * w + drag_t / m) / r
         return [w, v, dw, dv, -pull * np.sin(theta) * u]
 
+    def reversal(_t, y, _u):
+        return y[3] if hysteretic else 1.0
+
+    reversal.terminal = True
     stretched = np.hypot(r0, a) * (1 + m * g / (4 * cradle.kappa * r0)) if elastic and angle == 0 else np.hypot(r0, a)
     y, u, out = np.array([angle, np.sqrt(stretched**2 - a**2), 0.0, 0.0, 0.0]), 0.0, []
     for speed in speeds:
@@ -68,16 +85,24 @@ def bob_on_moving_pivot(cradle: Cradle, angle: float, speeds: np.ndarray, interv
             y[4] += m * (speed - u) * sin**2 * 0.5 * (speed + u)
         y[2] -= (speed - u) * cos / y[1]
         y[3] -= (speed - u) * sin if elastic else 0.0
-        u = speed
-        y = solve_ivp(rates, (0, interval), y, args=(u,), method="DOP853", rtol=1e-12, atol=1e-14).y[:, -1]
+        u, t = speed, 0.0
+        if hysteretic and y[3] != 0 and (y[3] > 0) != memory["loading"]:
+            reverse(y[1])
+        while t < interval:
+            reversal.direction = -1.0 if memory["loading"] else 1.0
+            part = solve_ivp(
+                rates, (t, interval), y, args=(u,), method="DOP853", rtol=1e-12, atol=1e-14, events=reversal
+            )
+            t, y = part.t[-1], part.y[:, -1].copy()
+            if part.status == 1:
+                reverse(y[1])
         out.append(y[[0, 1, 4]])
     return np.array(out)
 
 
-@pytest.mark.parametrize("model", ["nsp", "pendulum"])
-def test_motion_and_work_of_a_moving_pivot(model: str) -> None:
+@pytest.mark.parametrize(("model", "effects"), [("nsp", {}), ("nsp", {"-string_hysteresis": {}}), ("pendulum", {})])
+def test_motion_and_work_of_a_moving_pivot(model: str, effects: dict) -> None:
     """Two bobs that never touch, their pivots moved at random."""
-    effects = {"-string_hysteresis": {}} if model == "nsp" else {}
     env = environment(
         bobs=2, model=model, effects=effects, b=0.05, delta=0.17, release_angle=0.01, delta_range=(0.14, 0.2),
         release_angle_range=(0.005, 0.02), spacer_speed=0.003,
@@ -170,7 +195,7 @@ def test_rewards_telescope() -> None:
 
 
 def test_release_never_presses_on_neighbours() -> None:
-    env = environment(bobs=5, delta=-0.05, delta_range=(-0.05, 0.1), release_angle_range=(1e-6, 0.5))
+    env = environment(bobs=5, delta=-0.05, delta_range=(-0.05, 0.1), release_angle_range=(1e-6, 0.5), start="hanging")
     env.reset()
     _, _, _, _, info = env.step(np.array([0.0, -1.0]))
     # Two gaps of 2 mm over 0.3 m, to the square of the lean; the release begins where the bobs hang.
