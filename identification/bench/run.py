@@ -24,7 +24,7 @@ import numpy as np
 from cradle_env import __version__
 from cradle_env.cradle import Cradle, Release
 from cradle_env.simulation import simulate
-from identification.bench import scipy_peer
+from identification.bench import environment, scipy_peer
 from identification.results import write_json
 from identification.terminal import Progress, print_table
 
@@ -112,12 +112,17 @@ def main(duration: float, out: Path | None) -> None:
         for i, (bobs, compared) in enumerate(_RACES.items()):
             progress("race", i / len(_RACES), f"{bobs} bobs over {duration:g} s")
             races += race(bobs, duration, min(compared, duration))
+        progress("environments", None, "steps per second beside Gymnasium's own")
+        rates = environment.single_environments() | environment.vector_environments()
         progress("start", None, "fresh processes, without and with compiled kernels")
         starts = first_calls() | import_times()
     columns = ("bobs", "integrator", "time [s]", "SciPy's time over it", "largest error of θ [rad]")
     numbers = [(f"{row['seconds']:.3g}", f"{row['ratio']:.0f}", f"{row['error']:.1e}") for row in races]
     print_table(columns, [(str(row["bobs"]), row["integrator"], *n) for row, n in zip(races, numbers, strict=True)])
     print_table(("in a fresh process", "time [s]"), [(name, f"{seconds:.2f}") for name, seconds in starts.items()])
+    others = ("Pendulum-v1", "Acrobot-v1")
+    rows = [(name, f"{rate:,.0f}", *(f"{rate / rates[other]:.2f}" for other in others)) for name, rate in rates.items()]
+    print_table(("environment, random actions", "steps/s", *(f"over {other}" for other in others)), rows)
     relative = starts["import cradle_env"] / starts["import gymnasium"]
     print(f"import cradle_env takes {relative:.2f} times as long as import gymnasium")
     if out is not None:
@@ -130,6 +135,7 @@ def main(duration: float, out: Path | None) -> None:
             "versions": versions,
             "races": races,
             "seconds": starts,
+            "steps_per_second": rates,
             "import_ratio": relative,
         }
         print(f"figures: {write_json(out / 'bench.json', content)}")
