@@ -112,7 +112,7 @@ def begin(cradle, bobs, S, W):
 @part
 def next_event(S):
     """(bob, end) of the segment that ends first, (pair, instant) of the meeting that comes first."""
-    bob, p, end, meeting = 0, 0, S[0, T1], S[0, MEETING]
+    bob, p, end, meeting = _FIRST, _FIRST, S[0, T1], S[0, MEETING]
     for i in range(1, len(S)):
         if S[i, T1] < end:
             bob, end = i, S[i, T1]

@@ -112,7 +112,7 @@ def _source_of_step_one():
             lines.append(f"{target} = {y} + h * ({_weighed(_A[s], lambda j, rate=rate: f'{rate}_{j}')})")
         motion = f"t + {float(_C[s])!r} * h, x, z, v0_{s}, v1_{s}"
         lines.append(f"a0_{s}, a1_{s}, p_{s}, q_{s} = rates(cradle, bob, branch, s_ref, t_ref, {motion})")
-    for c, rate in ((0, "v0"), (1, "v1"), (2, "a0"), (3, "a1"), (DRAG, "p"), (BROUGHT, "q")):
+    for c, rate in ((0, "v0"), (1, "v1"), (2, "a0"), (3, "a1"), (int(DRAG), "p"), (int(BROUGHT), "q")):
         lines.append(f"W[i, OUT + {c}] = S[i, START + {c}] + h * ({_weighed(_B, lambda j, rate=rate: f'{rate}_{j}')})")
     lines.append("W[i, OUT + CONTACT_LOSS] = S[i, START + CONTACT_LOSS]")
     return "\n    ".join(lines)

@@ -69,8 +69,8 @@ BOB = np.dtype(
 #: have taken, and that which the pivot's motion has brought in. Elastic strings: (x, z) in the room, z upwards from
 #: the pivots. Rigid strings: (theta, 0).
 DIM = 7
-#: Where in a block these three energies stand.
-DRAG, CONTACT_LOSS, BROUGHT = 4, 5, 6
+#: Where in a block the coordinates, the velocities and these three energies stand.
+COORDINATES, VELOCITIES, DRAG, CONTACT_LOSS, BROUGHT = map(_INT, (0, 2, 4, 5, 6))
 
 # Columns of the state S. Each group of bobs that move together flies on its own segment, from T0 to T1.
 T0, T1 = map(_INT, (0, 1))  # s
