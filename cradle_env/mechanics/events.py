@@ -13,7 +13,7 @@ from cradle_env.mechanics.flight import plan
 from cradle_env.mechanics.forces import pivot_at, radius_and_speed
 from cradle_env.mechanics.impact import chain, settle, settle_resolved, two_body
 from cradle_env.mechanics.jit import entry, jit, part
-from cradle_env.mechanics.meeting import locate, predict, step_to, touching
+from cradle_env.mechanics.meeting import last_moment, linger, predict, step_to, touching
 from cradle_env.mechanics.motion import between, derivative, energy_between
 from cradle_env.mechanics.parameters import (
     BRANCH,
@@ -236,7 +236,7 @@ def regroup(cradle, bobs, S, W, lo, hi):
 def meet(cradle, bobs, table, S, W, p, times, motion, energy, impacts, count):
     """The meeting of pair p: ends the segments of all bobs concerned, resolves the impact, decides which contacts
     persist. Returns the range of bobs to fly on, and the rows of `impacts` in use."""
-    t = locate(cradle, bobs, S, W, p)
+    t = S[p, MEETING]
     a, b = p, p + 2  # the bobs struck as one
     while a > 0 and touching(cradle, bobs, S, a - 1, t):
         a -= 1
@@ -247,6 +247,12 @@ def meet(cradle, bobs, table, S, W, p, times, motion, energy, impacts, count):
     while i < hi:
         step_to(cradle, bobs, S, W, i, t)
         i = int(S[i, LAST])
+    dt = last_moment(cradle, bobs, S, W, p)
+    i = lo
+    while i < hi:
+        linger(cradle, bobs, S, W, i, int(S[i, LAST]), t, dt)
+        i = int(S[i, LAST])
+    t += dt
     for i in range(lo, hi):
         arrive(cradle, bobs, S, i, t, W, OUT, times, motion, energy)
 
@@ -259,6 +265,7 @@ def meet(cradle, bobs, table, S, W, p, times, motion, energy, impacts, count):
     if cradle.contact_scale > 0.0:
         for q in range(a, b - 1):
             S[q, LINK] = RESOLVED
+        regroup(cradle, bobs, S, W, lo, hi)
     else:
         if b - a == 2:
             two_body(cradle, bobs, table, S, W, p)
@@ -272,7 +279,7 @@ def meet(cradle, bobs, table, S, W, p, times, motion, energy, impacts, count):
         if made > 0:
             S[p, SETTLED] += made
             turn_after_impact(cradle, bobs, S, a, b)
-    regroup(cradle, bobs, S, W, lo, hi)
+            regroup(cradle, bobs, S, W, lo, hi)
     for q in range(a, b - 1):
         impacts[count, 3] = W[q, LOSS]
         count += 1

@@ -148,12 +148,3 @@ def radius_and_speed(cradle, bob, t, A, i, c):
         r = math.sqrt(x * x + z * z)
         return r, (x * (A[i, c + 2] - bob.drive) + z * A[i, c + 3]) / r
     return bob.length, 0.0
-
-
-@jit
-def radial_acceleration(bob, t, A, i, c, rate):
-    """d2r/dt2 of bob i on elastic strings at time t [s], its derivative standing in A from column `rate` on."""
-    x, z, vx, vz = A[i, c] - pivot_at(bob, t), A[i, c + 1], A[i, c + 2] - bob.drive, A[i, c + 3]
-    r = math.sqrt(x * x + z * z)
-    v_r = (x * vx + z * vz) / r
-    return (x * A[i, rate + 2] + z * A[i, rate + 3] + vx * vx + vz * vz - v_r * v_r) / r
