@@ -37,15 +37,14 @@ from cradle_env.mechanics.parameters import (
     RATE1,
     RELEASE,
     RESOLVED,
-    S_REF,
     SAMPLED,
     SETTLED,
     SLACK,
     START,
     T0,
     T1,
-    T_REF,
     TAUT,
+    TENSION,
     TURN,
     TURNS,
     UNLOADING,
@@ -192,7 +191,7 @@ def turn_after_impact(cradle, bobs, S, lo, hi):
 def string_work(cradle, bob, S, i, r):
     """Energy [J] that bob i's strings take from the start of its segment to radius r [m]."""
     r0 = radius_and_speed(cradle, bob, S[i, T0], S, i, START)[0]
-    return work_between(bob, S[i, BRANCH], S[i, S_REF], S[i, T_REF], r0, r)
+    return work_between(bob, S[i, TENSION], S[i, TENSION + 1], S[i, TENSION + 2], r0, r)
 
 
 @jit

@@ -34,8 +34,8 @@ from cradle_env.mechanics.parameters import (
 
 # A string is not asked to turn for less than this radial speed [m/s]: rounding at rest.
 _LEAST_SPEED = 1e-10
-# How well the zero of a quintic is found, as a part of the segment.
-_CROSSING = 1e-12
+# The last correction of a quintic's zero, as a part of the segment; Newton's method leaves some square of it.
+_CROSSING = 1e-6
 # How well the end of a contact is located [s].
 _PART_TOLERANCE = 1e-10
 # After an event, the next point of the grid is passed over if it is nearer than this part of a step.
