@@ -16,6 +16,7 @@ from cradle_env.mechanics.parameters import (
     ACTIVE,
     BROUGHT,
     CONTACT_LOSS,
+    COORDINATES,
     DIAGONAL,
     FORCE,
     LINK,
@@ -26,6 +27,7 @@ from cradle_env.mechanics.parameters import (
     SOLUTION,
     UPPER,
     VALUE,
+    VELOCITIES,
     WANTED,
 )
 
@@ -103,8 +105,8 @@ def yielding(cradle, bobs, p, A, c, nx, nz):
 def push(cradle, bobs, i, A, c, T, block, offset, jx, jz):
     """Adds M j to two components of bob i, from T[i, block + offset] on; its motion stands in A from column c on.
 
-    j [kg m/s or N] changes velocities or accelerations (offset 2), j [kg m] coordinates (offset 0). A rigid string
-    takes up what of j lies along it; on a pivot that moves, this brings in energy.
+    j [kg m/s or N] changes velocities or accelerations (offset VELOCITIES), j [kg m] coordinates (offset
+    COORDINATES). A rigid string takes up what of j lies along it; on a pivot that moves, this brings in energy.
     """
     k = block + offset
     if cradle.elastic:
@@ -114,7 +116,7 @@ def push(cradle, bobs, i, A, c, T, block, offset, jx, jz):
         tx, tz = tangent(cradle, A[i, c])
         along = jx * tx + jz * tz
         T[i, k] += along * bobs[i].mobility / bobs[i].length
-        if offset == 2:
+        if offset == VELOCITIES:
             T[i, block + BROUGHT] += bobs[i].drive * (along * tx - jx)
 
 
@@ -231,7 +233,7 @@ def contact_forces(cradle, bobs, lo, hi, S, W, t, A, c, R, rate):
         elif S[p, LINK] == RESOLVED:
             gap, nx, nz, v_n, _ = pair(cradle, bobs, p, t, A, c)
             force = kuwabara_kono(cradle, -gap, -v_n)
-            push_apart(cradle, bobs, p, A, c, R, rate, 2, nx, nz, force)
+            push_apart(cradle, bobs, p, A, c, R, rate, VELOCITIES, nx, nz, force)
             R[p, rate + CONTACT_LOSS] = -force * v_n
             W[p, FORCE] = force
     if pressed:
@@ -242,7 +244,7 @@ def contact_forces(cradle, bobs, lo, hi, S, W, t, A, c, R, rate):
                 W[p, N_X], W[p, N_Z] = nx, nz
                 W[p, WANTED] = -opening(cradle, bobs, p, A, c, R, rate, nx, nz, spread)
         solve_chain(cradle, bobs, lo, hi, A, c, W)
-        apply_chain(cradle, bobs, lo, hi, A, c, W, R, rate, 2)
+        apply_chain(cradle, bobs, lo, hi, A, c, W, R, rate, VELOCITIES)
         for p in range(lo, hi - 1):
             if W[p, ACTIVE] != 0.0:
                 W[p, FORCE] = W[p, SOLUTION]
@@ -253,10 +255,10 @@ def close_gaps(cradle, bobs, lo, hi, S, W, t, c):
     """Takes out what integration leaves of gap and opening speed (some 1e-13) in the persistent contacts of the
     bobs lo..hi-1, whose motion at t [s] stands in S from column c on."""
     set_normals(cradle, bobs, lo, hi, t, S, c, W)
-    for offset in (0, 2):
+    for offset in (COORDINATES, VELOCITIES):
         for p in range(lo, hi - 1):
             W[p, ACTIVE] = S[p, LINK] == PRESSED
             gap, _, _, v_n, _ = pair(cradle, bobs, p, t, S, c)
-            W[p, WANTED] = -gap if offset == 0 else -v_n
+            W[p, WANTED] = -gap if offset == COORDINATES else -v_n
         solve_chain(cradle, bobs, lo, hi, S, c, W)
         apply_chain(cradle, bobs, lo, hi, S, c, W, S, c, offset)

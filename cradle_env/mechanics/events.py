@@ -13,7 +13,7 @@ from cradle_env.mechanics.flight import plan
 from cradle_env.mechanics.forces import pivot_at, radius_and_speed
 from cradle_env.mechanics.impact import chain, settle, settle_resolved, two_body
 from cradle_env.mechanics.jit import entry, jit, part
-from cradle_env.mechanics.meeting import locate, predict, step_to, touching
+from cradle_env.mechanics.meeting import last_moment, linger, predict, step_to, touching
 from cradle_env.mechanics.motion import between, derivative, energy_between
 from cradle_env.mechanics.parameters import (
     BRANCH,
@@ -37,15 +37,14 @@ from cradle_env.mechanics.parameters import (
     RATE1,
     RELEASE,
     RESOLVED,
-    S_REF,
     SAMPLED,
     SETTLED,
     SLACK,
     START,
     T0,
     T1,
-    T_REF,
     TAUT,
+    TENSION,
     TURN,
     TURNS,
     UNLOADING,
@@ -119,7 +118,7 @@ def begin(cradle, bobs, S, W):
 @part
 def next_event(S):
     """(bob, end) of the segment that ends first, (pair, instant) of the meeting that comes first."""
-    bob, p, end, meeting = 0, 0, S[0, T1], S[0, MEETING]
+    bob, p, end, meeting = _FIRST, _FIRST, S[0, T1], S[0, MEETING]
     for i in range(1, len(S)):
         if S[i, T1] < end:
             bob, end = i, S[i, T1]
@@ -199,7 +198,7 @@ def turn_after_impact(cradle, bobs, S, lo, hi):
 def string_work(cradle, bob, S, i, r):
     """Energy [J] that bob i's strings take from the start of its segment to radius r [m]."""
     r0 = radius_and_speed(cradle, bob, S[i, T0], S, i, START)[0]
-    return work_between(bob, S[i, BRANCH], S[i, S_REF], S[i, T_REF], r0, r)
+    return work_between(bob, S[i, TENSION], S[i, TENSION + 1], S[i, TENSION + 2], r0, r)
 
 
 @jit
@@ -243,7 +242,7 @@ def regroup(cradle, bobs, S, W, lo, hi):
 def meet(cradle, bobs, table, S, W, p, times, motion, energy, impacts, count):
     """The meeting of pair p: ends the segments of all bobs concerned, resolves the impact, decides which contacts
     persist. Returns the range of bobs to fly on, and the rows of `impacts` in use."""
-    t = locate(cradle, bobs, S, W, p)
+    t = S[p, MEETING]
     a, b = p, p + 2  # the bobs struck as one
     while a > 0 and touching(cradle, bobs, S, a - 1, t):
         a -= 1
@@ -254,6 +253,12 @@ def meet(cradle, bobs, table, S, W, p, times, motion, energy, impacts, count):
     while i < hi:
         step_to(cradle, bobs, S, W, i, t)
         i = int(S[i, LAST])
+    dt = last_moment(cradle, bobs, S, W, p)
+    i = lo
+    while i < hi:
+        linger(cradle, bobs, S, W, i, int(S[i, LAST]), t, dt)
+        i = int(S[i, LAST])
+    t += dt
     for i in range(lo, hi):
         arrive(cradle, bobs, S, i, t, W, OUT, times, motion, energy)
 
@@ -266,6 +271,7 @@ def meet(cradle, bobs, table, S, W, p, times, motion, energy, impacts, count):
     if cradle.contact_scale > 0.0:
         for q in range(a, b - 1):
             S[q, LINK] = RESOLVED
+        regroup(cradle, bobs, S, W, lo, hi)
     else:
         if b - a == 2:
             two_body(cradle, bobs, table, S, W, p)
@@ -279,7 +285,7 @@ def meet(cradle, bobs, table, S, W, p, times, motion, energy, impacts, count):
         if made > 0:
             S[p, SETTLED] += made
             turn_after_impact(cradle, bobs, S, a, b)
-    regroup(cradle, bobs, S, W, lo, hi)
+            regroup(cradle, bobs, S, W, lo, hi)
     for q in range(a, b - 1):
         impacts[count, 3] = W[q, LOSS]
         count += 1

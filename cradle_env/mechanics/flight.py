@@ -3,8 +3,8 @@
 import math
 
 from cradle_env.mechanics.contact import blow_speed, close_gaps, pair, stiffness
-from cradle_env.mechanics.forces import radial_acceleration, radius_and_speed
-from cradle_env.mechanics.jit import jit, part
+from cradle_env.mechanics.forces import pivot_at
+from cradle_env.mechanics.jit import jit, leaf, part
 from cradle_env.mechanics.motion import derivative, step
 from cradle_env.mechanics.parameters import (
     BRANCH,
@@ -31,23 +31,25 @@ from cradle_env.mechanics.parameters import (
     TURN,
     WHOSE,
 )
-from cradle_env.mechanics.strings import stretch
 
 # A string is not asked to turn for less than this radial speed [m/s]: rounding at rest.
 _LEAST_SPEED = 1e-10
-# How well events are located [s]. Switching a string's branch late by dt at a turn changes the tension by
-# dt^2 only, at zero stretch by dt.
-_TURN_TOLERANCE, _TAUT_TOLERANCE, _PART_TOLERANCE = 1e-6, 1e-10, 1e-10
+# The last correction of a quintic's zero, as a part of the segment; Newton's method leaves some square of it.
+_CROSSING = 1e-6
+# How well the end of a contact is located [s].
+_PART_TOLERANCE = 1e-10
+# After an event, the next point of the grid is passed over if it is nearer than this part of a step.
+_SHORTEST = 0.25
 # Steps per time scale of a resolved contact, which lasts 3.2 of them.
 _CONTACT_STEP = 1.0 / 16.0
 
 
 @jit
 def plan(cradle, bobs, S, W, lo, hi):
-    """Lays the segment of the bobs lo..hi-1 from its start: to the next point of the grid, or to the first event
-    of a string, a persistent contact or a resolved contact before it. Returns whether it is finite."""
+    """Lays the segment of the bobs lo..hi-1 from its start: to a point of the grid, or to the first event of a
+    string, a persistent contact or a resolved contact before it. Returns whether it is finite."""
     t = S[lo, T0]
-    grid = (math.floor(t / cradle.step + 1e-9) + 1.0) * cradle.step
+    grid = (math.floor(t / cradle.step + _SHORTEST) + 1.0) * cradle.step
     full = contact_step(cradle, bobs, S, lo, hi, grid - t)
     h, cause, whose = full, GRID, lo
     _fly(cradle, bobs, S, W, lo, hi, h)
@@ -55,10 +57,10 @@ def plan(cradle, bobs, S, W, lo, hi):
     if cradle.elastic:
         for i in range(lo, hi):
             when, kind = string_event(cradle, bobs[i], S, i, full)
-            if kind != GRID and when < h:
+            if when < h:
                 h, cause, whose = when, kind, i
         if cause != GRID:
-            h = _fly_to_string_event(cradle, bobs, S, W, lo, hi, h, full, cause, whose)
+            _fly(cradle, bobs, S, W, lo, hi, h)
 
     for p in range(lo, hi - 1):
         if _parted(cradle, bobs, S, W, p, h):
@@ -101,78 +103,79 @@ def contact_step(cradle, bobs, S, lo, hi, h):
 
 @part
 def string_event(cradle, bob, S, i, h):
-    """(instant, kind) of the first string event of bob i on a segment of h [s]; (h, GRID) where there is none."""
-    when, kind, branch = h, GRID, S[i, BRANCH]
-    s0, u0 = string_quantity(cradle, bob, S[i, T0], S, i, START, RATE0, TAUT)
-    s1, u1 = string_quantity(cradle, bob, S[i, T0] + h, S, i, END, RATE1, TAUT)
-    dips = branch != SLACK and u0 < 0.0 and u1 > 0.0 and s0 < -u0 * h  # slack and taut again in one step?
-    if s1 < 0.0 or dips:
-        at = first_crossing(s0, u0, s1, u1, h)
-        if s1 < 0.0 or at < h:
-            when, kind = at, TAUT
-    if cradle.hysteretic and branch != SLACK:
-        v1, a1 = string_quantity(cradle, bob, S[i, T0] + h, S, i, END, RATE1, TURN)
-        if v1 < -_LEAST_SPEED or kind == TAUT:
-            v0, a0 = string_quantity(cradle, bob, S[i, T0], S, i, START, RATE0, TURN)
-            at = first_crossing(v0, a0, v1, a1, h)
-            if at < when:
-                when, kind = at, TURN
-    return when, kind
+    """(instant, kind) of the first string event of bob i on a segment of h [s]; (h, GRID) where there is none.
+
+    Half of r^2 - r0^2 is the quintic with the values and two derivatives of both ends: TAUT at its zero, TURN at
+    its slope's. Its error sets a string's branch late by dt, which misses a blow of the order dt^2 only.
+    """
+    q0, p0, a0 = half_square(bob, S[i, T0], S, i, START, RATE0)
+    q1, p1, a1 = half_square(bob, S[i, T0] + h, S, i, END, RATE1)
+    sign = -1.0 if S[i, BRANCH] == SLACK else 1.0  # what turns negative: the stretch, or less of it
+    at_zero = may_cross(sign * q0, sign * p0, sign * q1, sign * p1, h)
+    turns = False
+    if cradle.hysteretic and S[i, BRANCH] != SLACK:
+        way, least = (1.0 if S[i, BRANCH] == LOADING else -1.0), _LEAST_SPEED * bob.length
+        turns = at_zero or may_cross(way * p0 + least, way * a0, way * p1 + least, way * a1, h)
+    if not (at_zero or turns):
+        return h, GRID
+    c1, c2 = h * p0, 0.5 * h * h * a0
+    value, slope, bend = q1 - q0 - c1 - c2, h * p1 - c1 - 2.0 * c2, h * h * a1 - 2.0 * c2
+    c3 = 10.0 * value - 4.0 * slope + 0.5 * bend
+    c4 = -15.0 * value + 7.0 * slope - bend
+    c5 = 6.0 * value - 3.0 * slope + 0.5 * bend
+    u, kind = 1.0, GRID
+    if at_zero:
+        u, kind = first_crossing(sign, q0, c1, c2, c3, c4, c5), TAUT
+    if turns:
+        at = first_crossing(way, c1, 2.0 * c2, 3.0 * c3, 4.0 * c4, 5.0 * c5, 0.0)
+        if at < u:
+            u, kind = at, TURN
+    return u * h, kind
+
+
+@leaf
+def half_square(bob, t, S, i, c, rate):
+    """(r^2 - r0^2) / 2 of bob i at time t [s] and its two derivatives by time."""
+    x, z, vx, vz = S[i, c] - pivot_at(bob, t), S[i, c + 1], S[i, c + 2] - bob.drive, S[i, c + 3]
+    bend = vx * vx + vz * vz + x * S[i, rate + 2] + z * S[i, rate + 3]
+    return 0.5 * (x * x + z * z - bob.length * bob.length), x * vx + z * vz, bend
+
+
+@leaf
+def may_cross(f0, d0, f1, d1, h):
+    """Whether a function with values f0, f1 and slopes d0, d1 at the ends of h is negative at the end or may dip
+    below zero between: where it falls at first and rises at last, and both tangents reach zero."""
+    return f1 < 0.0 or (d0 < 0.0 and d1 > 0.0 and f0 < -d0 * h and f1 < d1 * h)
 
 
 @jit
-def string_quantity(cradle, bob, t, S, i, c, rate, kind):
-    """(value, slope) at time t [s] of what turns negative when the string of bob i has the event `kind`."""
-    r, v = radius_and_speed(cradle, bob, t, S, i, c)
-    if kind == TURN:
-        sign = 1.0 if S[i, BRANCH] == LOADING else -1.0
-        return sign * v, sign * radial_acceleration(bob, t, S, i, c, rate)
-    sign = -1.0 if S[i, BRANCH] == SLACK else 1.0
-    return sign * stretch(bob, r * r), sign * v * r / math.sqrt(r * r + bob.half_spacing * bob.half_spacing)
-
-
-@jit
-def first_crossing(f0, d0, f1, d1, h):
-    """First instant in (0, h] from which on the cubic through (f0, slope d0) and (f1, slope d1) is negative.
+def first_crossing(sign, c0, c1, c2, c3, c4, c5):
+    """First u in (0, 1] from which on sign * (c0 + c1 u + ... + c5 u^5) is negative; 1 where it is not.
 
     The value at 0 does not count: it may be an event's own rounding.
     """
-    before = 0.0
+    low = 0.0
     for k in range(1, 9):
-        u = k / 8.0
-        if _cubic(f0, d0, f1, d1, h, u) < 0.0:
-            low, high = before, u
-            for _ in range(40):
-                mid = 0.5 * (low + high)
-                if _cubic(f0, d0, f1, d1, h, mid) < 0.0:
-                    high = mid
-                else:
-                    low = mid
-            return high * h
-        before = u
-    return h
-
-
-@jit
-def _cubic(f0, d0, f1, d1, h, u):
-    v = 1.0 - u
-    return v * v * ((1.0 + 2.0 * u) * f0 + h * u * d0) + u * u * ((1.0 + 2.0 * v) * f1 - h * v * d1)
-
-
-@part
-def _fly_to_string_event(cradle, bobs, S, W, lo, hi, h, full, cause, whose):
-    """Ends the segment at the string event found near h; Newton's method from the interpolated root."""
-    tolerance = _TURN_TOLERANCE if cause == TURN else _TAUT_TOLERANCE
-    for _ in range(6):
-        _fly(cradle, bobs, S, W, lo, hi, h)
-        value, rise = string_quantity(cradle, bobs[whose], S[lo, T0] + h, S, whose, END, RATE1, cause)
-        if rise == 0.0 or abs(value) <= tolerance * abs(rise):
+        high = k / 8.0
+        if sign * (c0 + high * (c1 + high * (c2 + high * (c3 + high * (c4 + high * c5))))) < 0.0:
             break
-        following = min(max(h - value / rise, 0.0), full)
-        if following == h:
-            break
-        h = following
-    return h
+        low = high
+    if low == 1.0:
+        return 1.0
+    u = 0.5 * (low + high)
+    while True:  # Newton's method, and bisection where it leaves the bracket
+        value = c0 + u * (c1 + u * (c2 + u * (c3 + u * (c4 + u * c5))))
+        slope = c1 + u * (2.0 * c2 + u * (3.0 * c3 + u * (4.0 * c4 + u * 5.0 * c5)))
+        if sign * value < 0.0:
+            high = u
+        else:
+            low = u
+        following = u - value / slope
+        if not low < following < high:
+            following = 0.5 * (low + high)
+        if abs(following - u) < _CROSSING:
+            return following
+        u = following
 
 
 @part

@@ -10,7 +10,7 @@ from llvmlite import ir
 from numba import types
 from numba.extending import intrinsic
 
-from cradle_env.mechanics.jit import jit
+from cradle_env.mechanics.jit import jit, leaf
 from cradle_env.mechanics.strings import stretch, tension
 
 # Angular speed [rad/s] over which pivot friction changes sign: 1e-2 of the swing's, and far from a jump.
@@ -86,43 +86,53 @@ def added_forces(cradle, bob, t, r, theta, v_r, v_t, cos):
     return f_r, f_t
 
 
-@jit
+@leaf
 def has_added_forces(cradle, bob):
     """Whether any of `added_forces` acts."""
     return bob.c2 != 0.0 or bob.tau_c != 0.0 or cradle.user_force != 0
 
 
-@jit
+@leaf
 def pivot_at(bob, t):
     """x of the bob's pivot [m] at time t [s]."""
     return bob.pivot + bob.drive * t
 
 
-@jit
-def rates(cradle, bob, branch, s_ref, t_ref, t, x, z, vx, vz):
+@leaf
+def rates(cradle, bob, t0, t1, t2, t, x, z, vx, vz):
     """(second derivatives of the two coordinates, power taken by drag, power brought in by the pivot [W]) of one bob
-    at time t [s].
+    at time t [s], its strings' tension having the coefficients t0, t1, t2.
 
     Contacts apart. Coordinates as in `parameters.DIM`. Elastic strings: eqs. 5 and 6 in Cartesian coordinates.
     Rigid ones: eq. 6 at r = r0, or eq. 3. Drag acts on the velocity in the room.
     """
-    if cradle.elastic:
-        x -= pivot_at(bob, t)
-        r2 = x * x + z * z
-        r = math.sqrt(r2)
-        pull = bob.grip * tension(bob, branch, s_ref, t_ref, stretch(bob, r2)) * bob.mobility / r
-        drag = bob.b * bob.mobility
-        ax = -pull * x - drag * vx
-        az = -pull * z - drag * vz - cradle.gravity
-        power = bob.b * (vx * vx + vz * vz)
-        if has_added_forces(cradle, bob):
-            sin, cos = x / r, -z / r
-            v_r, v_t = vx * sin - vz * cos, vx * cos + vz * sin
-            f_r, f_t = added_forces(cradle, bob, t, r, math.atan2(x, -z), v_r, v_t, cos)
-            ax += (f_r * sin + f_t * cos) / bob.mass
-            az += (f_t * sin - f_r * cos) / bob.mass
-            power -= f_r * v_r + f_t * v_t
-        return ax, az, power, -bob.drive * bob.mass * pull * x
+    if not cradle.elastic:
+        return rates_on_rigid_strings(cradle, bob, t, x, vx)
+    from_pivot = x - pivot_at(bob, t)
+    r2 = from_pivot * from_pivot + z * z
+    pull = bob.grip * bob.mobility / math.sqrt(r2) * tension(t0, t1, t2, stretch(bob, r2))
+    drag = bob.b * bob.mobility
+    ax, az = -pull * from_pivot - drag * vx, -pull * z - drag * vz - cradle.gravity
+    power, brought = bob.b * (vx * vx + vz * vz), -bob.drive * bob.mass * pull * from_pivot
+    if has_added_forces(cradle, bob):
+        more_x, more_z, more = added_on_elastic_strings(cradle, bob, t, from_pivot, z, vx, vz)
+        return ax + more_x, az + more_z, power + more, brought
+    return ax, az, power, brought
+
+
+@jit
+def added_on_elastic_strings(cradle, bob, t, x, z, vx, vz):
+    """Acceleration (x, z) by `added_forces`, and the power [W] that they take; x from the pivot."""
+    r = math.sqrt(x * x + z * z)
+    sin, cos = x / r, -z / r
+    v_r, v_t = vx * sin - vz * cos, vx * cos + vz * sin
+    f_r, f_t = added_forces(cradle, bob, t, r, math.atan2(x, -z), v_r, v_t, cos)
+    return (f_r * sin + f_t * cos) / bob.mass, (f_t * sin - f_r * cos) / bob.mass, -f_r * v_r - f_t * v_t
+
+
+@jit
+def rates_on_rigid_strings(cradle, bob, t, x, vx):
+    """`rates`, for the angle x [rad]."""
     sin, cos = x, 1.0
     v_r, v_t = 0.0, bob.length * vx + bob.drive
     if cradle.large_angle:
@@ -148,12 +158,3 @@ def radius_and_speed(cradle, bob, t, A, i, c):
         r = math.sqrt(x * x + z * z)
         return r, (x * (A[i, c + 2] - bob.drive) + z * A[i, c + 3]) / r
     return bob.length, 0.0
-
-
-@jit
-def radial_acceleration(bob, t, A, i, c, rate):
-    """d2r/dt2 of bob i on elastic strings at time t [s], its derivative standing in A from column `rate` on."""
-    x, z, vx, vz = A[i, c] - pivot_at(bob, t), A[i, c + 1], A[i, c + 2] - bob.drive, A[i, c + 3]
-    r = math.sqrt(x * x + z * z)
-    v_r = (x * vx + z * vz) / r
-    return (x * A[i, rate + 2] + z * A[i, rate + 3] + vx * vx + vz * vz - v_r * v_r) / r

@@ -37,6 +37,7 @@ from cradle_env.mechanics.parameters import (
     SOLUTION,
     START,
     T0,
+    VELOCITIES,
     WANTED,
 )
 from cradle_env.mechanics.restitution import equivalent_dissipation, restitution
@@ -71,7 +72,7 @@ def two_body(cradle, bobs, table, S, W, p):
         return
     d = yielding(cradle, bobs, p, S, START, nx, nz)
     e = restitution(cradle, table, 1.0 / d, -v_n)
-    push_apart(cradle, bobs, p, S, START, S, START, 2, nx, nz, -(1.0 + e) * v_n / d)
+    push_apart(cradle, bobs, p, S, START, S, START, VELOCITIES, nx, nz, -(1.0 + e) * v_n / d)
     W[p, LOSS] = 0.5 * v_n * v_n * (1.0 - e * e) / d
 
 
@@ -133,7 +134,7 @@ def chain(cradle, bobs, table, S, W, lo, hi):
     for p in range(lo, hi - 1):
         W[p, SOLUTION] = W[p, CHAIN + 2] * m * blow
         W[p, LOSS] = W[p, CHAIN + 3] * m * blow * blow
-    apply_chain(cradle, bobs, lo, hi, S, START, W, S, START, 2)
+    apply_chain(cradle, bobs, lo, hi, S, START, W, S, START, VELOCITIES)
 
 
 @jit
@@ -229,7 +230,7 @@ def settle(cradle, bobs, S, W, lo, hi):
         for p in range(lo, hi - 1):
             if W[p, ACTIVE] != 0.0:
                 W[p, LOSS] += 0.5 * W[p, SOLUTION] * W[p, WANTED]
-        apply_chain(cradle, bobs, lo, hi, S, START, W, S, START, 2)
+        apply_chain(cradle, bobs, lo, hi, S, START, W, S, START, VELOCITIES)
     return made
 
 

@@ -1,17 +1,19 @@
-"""When two neighbours touch: foreseen on the interpolated motion, located on the integrated one."""
+"""When two neighbours touch: foreseen on the interpolated motion, corrected on the integrated one."""
 
 import math
 
 from cradle_env.mechanics.contact import CONTACT, TOUCHING, pair, pair_at
 from cradle_env.mechanics.jit import jit, part
-from cradle_env.mechanics.motion import between, step
-from cradle_env.mechanics.parameters import FIRST, LAST, LINK, MEETING, OPEN, OUT, T0, T1
+from cradle_env.mechanics.motion import between, derivative, step
+from cradle_env.mechanics.parameters import DIM, FIRST, LAST, LINK, MEETING, OPEN, OUT, STAGES, T0, T1
 
 # Two bobs in touch approach from this speed on [m/s]: rounding of the speeds after an impact.
 _LEAST_APPROACH = 1e-12
 # A touch gentler than this [m/s] stays where it was foreseen, to 1e-9 m: its time is no root of any use, for the
 # curvature of the gap rules, and going back to it would find the same touch for ever.
 _LEAST_LOCATED = 1e-6
+# Nor is one that would be off by more than this [s].
+_LATEST = 1e-6
 
 
 @jit
@@ -90,23 +92,23 @@ def step_to(cradle, bobs, S, W, i, t):
 
 
 @part
-def locate(cradle, bobs, S, W, p):
-    """The instant [s] at which pair p touches, by Newton's method on the integrated motion: from the interpolated
-    instant, two steps reach rounding."""
+def last_moment(cradle, bobs, S, W, p):
+    """How much later [s] than foreseen pair p touches; both bobs are at the foreseen instant, in W[:, OUT]."""
     t = S[p, MEETING]
-    earliest = max(S[p, T0], S[p + 1, T0])
-    for _ in range(8):
-        step_to(cradle, bobs, S, W, p, t)
-        if S[p + 1, FIRST] != S[p, FIRST]:
-            step_to(cradle, bobs, S, W, p + 1, t)
-        gap, _, _, v_n, _ = pair(cradle, bobs, p, t, W, OUT)
-        if v_n > -_LEAST_LOCATED:
-            break
-        following = max(t - (gap + CONTACT) / v_n, earliest)
-        if abs(following - t) > 1e-6 or abs(following - t) <= 4e-16 * (1.0 + t):
-            break
-        t = following
-    return t
+    gap, _, _, v_n, _ = pair(cradle, bobs, p, t, W, OUT)
+    late = -(gap + CONTACT) / v_n if v_n < -_LEAST_LOCATED else 0.0
+    if abs(late) > _LATEST:
+        return 0.0
+    return max(late, S[p, T0] - t, S[p + 1, T0] - t)
+
+
+@part
+def linger(cradle, bobs, S, W, lo, hi, t, dt):
+    """Moves bob i's group, at time t [s] in W[:, OUT], by dt [s] along its tangent."""
+    derivative(cradle, bobs, S, W, lo, hi, t, W, OUT, W, STAGES)
+    for i in range(lo, hi):
+        for c in range(DIM):
+            W[i, OUT + c] += dt * W[i, STAGES + c]
 
 
 @jit

@@ -12,7 +12,6 @@ from cradle_env.mechanics.contact import contact_forces
 from cradle_env.mechanics.forces import rates
 from cradle_env.mechanics.jit import jit
 from cradle_env.mechanics.parameters import (
-    BRANCH,
     BROUGHT,
     CONTACT_LOSS,
     DIM,
@@ -21,12 +20,11 @@ from cradle_env.mechanics.parameters import (
     OUT,
     RATE0,
     RATE1,
-    S_REF,
     STAGES,
     START,
     T0,
     T1,
-    T_REF,
+    TENSION,
     TRIAL,
 )
 
@@ -47,7 +45,7 @@ def derivative(cradle, bobs, S, W, lo, hi, t, A, c, R, rate):
     """
     for i in range(lo, hi):
         ax, az, power, brought = rates(
-            cradle, bobs[i], S[i, BRANCH], S[i, S_REF], S[i, T_REF], t,
+            cradle, bobs[i], S[i, TENSION], S[i, TENSION + 1], S[i, TENSION + 2], t,
             A[i, c], A[i, c + 1], A[i, c + 2], A[i, c + 3],
         )  # fmt: skip
         R[i, rate], R[i, rate + 1] = A[i, c + 2], A[i, c + 3]
@@ -102,7 +100,7 @@ def _source_of_step_one():
     lines = [
         "def step_one(cradle, bobs, S, W, i, h):",
         "bob, t = bobs[i], S[i, T0]",
-        "branch, s_ref, t_ref = S[i, BRANCH], S[i, S_REF], S[i, T_REF]",
+        "t0, t1, t2 = S[i, TENSION], S[i, TENSION + 1], S[i, TENSION + 2]",
         "y0, y1, y2, y3 = S[i, START], S[i, START + 1], S[i, START + 2], S[i, START + 3]",
         "v0_0, v1_0, a0_0, a1_0 = S[i, RATE0], S[i, RATE0 + 1], S[i, RATE0 + 2], S[i, RATE0 + 3]",
         "p_0, q_0 = S[i, RATE0 + DRAG], S[i, RATE0 + BROUGHT]",
@@ -111,8 +109,8 @@ def _source_of_step_one():
         for y, target, rate in (("y0", "x", "v0"), ("y1", "z", "v1"), ("y2", f"v0_{s}", "a0"), ("y3", f"v1_{s}", "a1")):
             lines.append(f"{target} = {y} + h * ({_weighed(_A[s], lambda j, rate=rate: f'{rate}_{j}')})")
         motion = f"t + {float(_C[s])!r} * h, x, z, v0_{s}, v1_{s}"
-        lines.append(f"a0_{s}, a1_{s}, p_{s}, q_{s} = rates(cradle, bob, branch, s_ref, t_ref, {motion})")
-    for c, rate in ((0, "v0"), (1, "v1"), (2, "a0"), (3, "a1"), (DRAG, "p"), (BROUGHT, "q")):
+        lines.append(f"a0_{s}, a1_{s}, p_{s}, q_{s} = rates(cradle, bob, t0, t1, t2, {motion})")
+    for c, rate in ((0, "v0"), (1, "v1"), (2, "a0"), (3, "a1"), (int(DRAG), "p"), (int(BROUGHT), "q")):
         lines.append(f"W[i, OUT + {c}] = S[i, START + {c}] + h * ({_weighed(_B, lambda j, rate=rate: f'{rate}_{j}')})")
     lines.append("W[i, OUT + CONTACT_LOSS] = S[i, START + CONTACT_LOSS]")
     return "\n    ".join(lines)
@@ -128,6 +126,9 @@ def between(S, i, t):
 
     Error h^6 / 46080 times the sixth derivative over a segment of length h: 1e-10 rad at the default step.
     """
+    if t == S[i, T0] or t == S[i, T1]:
+        end = START if t == S[i, T0] else END
+        return S[i, end], S[i, end + 1], S[i, end + 2], S[i, end + 3]
     h = S[i, T1] - S[i, T0]
     u = (t - S[i, T0]) / h
     v = 1.0 - u

@@ -111,25 +111,25 @@ EPISODE = np.dtype(
 #: have taken, and that which the pivot's motion has brought in. Elastic strings: (x, z) in the room, z upwards from
 #: the pivots. Rigid strings: (theta, 0).
 DIM = 7
-#: Where in a block these three energies stand.
-DRAG, CONTACT_LOSS, BROUGHT = 4, 5, 6
+#: Where in a block the coordinates, the velocities and these three energies stand.
+COORDINATES, VELOCITIES, DRAG, CONTACT_LOSS, BROUGHT = map(_INT, (0, 2, 4, 5, 6))
 
 # Columns of the state S. Each group of bobs that move together flies on its own segment, from T0 to T1.
 T0, T1 = map(_INT, (0, 1))  # s
 START, END = map(_INT, (2, 2 + DIM))  # motion at the start and the end of the segment
 RATE0, RATE1 = map(_INT, (2 + 2 * DIM, 2 + 3 * DIM))  # its derivative there
-BRANCH, S_REF, T_REF = 30, 31, 32  # memory of the strings: branch, reference stretch [m] and tension [N]
-WORK, LOST = 33, 34  # energy given to the strings [J]; what of it they had lost at the last slack
-FIRST, LAST = 35, 36  # the group: its first bob, and one past its last
-DUE, WHOSE = 37, 38  # what ends the segment, and for which bob or pair
-LINK, MEETING = 39, 40  # of pair i, i + 1: its state; the instant at which it will touch [s], inf: not foreseen
-SAMPLED = 41  # samples already taken
-STEPS, TURNS, IMPACTS, MULTI_BODY, SETTLED = 42, 43, 44, 45, 46  # how often what happened to this bob or pair
-COLUMNS = 47
+BRANCH, TENSION = 30, 31  # of the strings; their tension [N] as the coefficients of 1, s, s^2, stretch s [m]
+WORK, LOST = 34, 35  # energy given to the strings [J]; what of it they had lost at the last slack
+FIRST, LAST = 36, 37  # the group: its first bob, and one past its last
+DUE, WHOSE = 38, 39  # what ends the segment, and for which bob or pair
+LINK, MEETING = 40, 41  # of pair i, i + 1: its state; the instant at which it will touch [s], inf: not foreseen
+SAMPLED = 42  # samples already taken
+STEPS, TURNS, IMPACTS, MULTI_BODY, SETTLED = 43, 44, 45, 46, 47  # how often what happened to this bob or pair
+COLUMNS = 48
 
 # Columns of the scratch W (N, SCRATCH).
 TRIAL, OUT = map(_INT, (0, DIM))  # a stage's motion; where a step arrives
-STAGES = 2 * DIM  # 12 blocks
+STAGES = _INT(2 * DIM)  # 12 blocks
 FORCE = 14 * DIM  # contact force of pair i [N]
 WANTED, ACTIVE, SOLUTION, DIAGONAL, UPPER, VALUE = range(FORCE + 1, FORCE + 7)  # of contact.solve_chain
 LOSS = FORCE + 7  # what an impact took from pair i [J]

@@ -8,7 +8,6 @@ from cradle_env.mechanics.contact import pair, set_normals, solve_chain
 from cradle_env.mechanics.jit import entry, jit
 from cradle_env.mechanics.parameters import (
     ACTIVE,
-    BRANCH,
     DIM,
     FORCE,
     LINK,
@@ -16,17 +15,15 @@ from cradle_env.mechanics.parameters import (
     MEETING,
     OPEN,
     PRESSED,
-    S_REF,
     SLACK,
     SOLUTION,
     START,
     T0,
-    T_REF,
     UNLOADING,
     WANTED,
     WORK,
 )
-from cradle_env.mechanics.strings import stretch, work_between
+from cradle_env.mechanics.strings import stretch, take_branch, work_between
 
 _FIRST = np.int64(0)
 
@@ -44,12 +41,12 @@ def hanging_radius(cradle, bob, load):
 @jit
 def put(cradle, bob, S, i, theta, r):
     """Writes the start at rest of bob i at angle theta [rad] and radius r [m], its strings on the virgin line."""
-    S[i, BRANCH], S[i, S_REF], S[i, T_REF] = LOADING, 0.0, 0.0
+    take_branch(bob, S, i, LOADING, 0.0, 0.0)
     for c in range(DIM):
         S[i, START + c] = 0.0
     if cradle.elastic:
         S[i, START], S[i, START + 1] = bob.pivot + r * math.sin(theta), -r * math.cos(theta)
-        S[i, WORK] = work_between(bob, LOADING, 0.0, 0.0, bob.length, r)
+        S[i, WORK] = work_between(bob, 0.0, bob.kappa, 0.0, bob.length, r)
     else:
         S[i, START] = theta
 
@@ -156,10 +153,10 @@ def moving(cradle, bobs, theta, theta_dot, r, r_dot, tension_ratio, S, W):
             S[i, START + 3] = v * sin - r_dot[i] * cos
             s = stretch(bobs[i], radius * radius)
             if s < 0.0:
-                S[i, BRANCH] = SLACK
+                take_branch(bobs[i], S, i, SLACK, s, 0.0)
             elif cradle.hysteretic:
-                S[i, BRANCH] = LOADING if r_dot[i] >= 0.0 else UNLOADING
-                S[i, S_REF], S[i, T_REF] = s, tension_ratio[i] * bobs[i].kappa * s
+                branch = LOADING if r_dot[i] >= 0.0 else UNLOADING
+                take_branch(bobs[i], S, i, branch, s, tension_ratio[i] * bobs[i].kappa * s)
         else:
             S[i, START + 2] = theta_dot[i]
     return spread(cradle, bobs, S, W)
