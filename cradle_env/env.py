@@ -10,7 +10,7 @@ import gymnasium as gym
 import numpy as np
 from gymnasium import error, logger
 
-from cradle_env.episodes import INFO, OVER, REWARD, SYNCHRONIZED, Episodes, Stepper, check_status
+from cradle_env.episodes import INFO, OVER, REWARD, SYNCHRONIZED, Episodes, check_status
 from cradle_env.mechanics.control import BAD_ACTION
 from cradle_env.settings import Settings
 from cradle_env.spaces import action_space, observation_space
@@ -134,7 +134,7 @@ class NewtonCradleEnv(gym.Env[np.ndarray, np.ndarray]):
         self.observation_space = observation_space(self.settings)
         self.action_space = action_space(self.settings)
         self._episodes = Episodes(1, self.settings)
-        self._stepper = Stepper(self.settings.bobs)
+        self._stepper = self._episodes.stepper()
         self._action = np.zeros((1, *self.action_space.shape))
         self._shape = (1, *self.observation_space.shape)
         self._dtype = self.settings.dtype
@@ -166,18 +166,18 @@ class NewtonCradleEnv(gym.Env[np.ndarray, np.ndarray]):
         """One control interval."""
         if not self._ready:
             self._refuse()
-        if not isinstance(action, np.ndarray) or action.shape != self._action.shape[1:]:
+        if not isinstance(action, np.ndarray) or action.shape != self.action_space.shape:
             action = self.settings.checked_action(action)
         self._action[0] = action
         observation = np.empty(self._shape, self._dtype)
-        status = self._stepper.step(self._episodes, self._action, observation, 0, 1)
+        status = self._stepper.step(self._action, observation, 0, 1)
         if status:
             if status == BAD_ACTION:
                 self.settings.checked_action(action)
             self._ready = False
             check_status(status, self._info["time"])
         row = self._episodes.report[0].tolist()
-        info = dict(zip(INFO, row, strict=False))  # the first part of the report
+        info = dict(zip(INFO, row))  # noqa: B905  the first part of the report
         reward = row[REWARD] if self._reward is None else float(self._reward(self._info, info))
         self._info = info
         if self._view is not None:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import functools
 import math
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -38,6 +40,7 @@ class Episodes:
         self.episodes = np.zeros(count, p.EPISODE)
         self.ring = np.zeros((count, 1))
         self.report = np.zeros((count, len(control.REPORT)))
+        self._steppers: list[Stepper] = []
         self._records: tuple[Cradle, Settings, np.ndarray, np.ndarray, np.ndarray] | None = None
 
     def begin(self, k: int, settings: Settings, cradle: Cradle, angle: float, observations: np.ndarray) -> None:
@@ -50,9 +53,8 @@ class Episodes:
         self.episodes["angle_range"][k, 1] = angle
         width = 2 * int(episode["half_window"][0]) + 1
         if width > self.ring.shape[1]:
-            ring = np.zeros((len(self.ring), width))
-            ring[:, : self.ring.shape[1]] = self.ring
-            self.ring = ring
+            self.ring = np.pad(self.ring, ((0, 0), (0, width - self.ring.shape[1])))
+            self._bind()
         control.begin(
             self.cradles, self.bobs, self.state, *_scratch(settings.bobs)[:2], self.episodes, observations,
             self.report, k,
@@ -66,22 +68,42 @@ class Episodes:
         """Takes up a state, copied from `arrays`."""
         copies = (a.copy() for a in arrays)
         self.cradles, self.bobs, self.state, self.episodes, self.ring, self.report = copies
+        self._bind()
+
+    def stepper(self) -> Stepper:
+        """Something that advances these episodes, in one thread."""
+        self._steppers.append(Stepper(self.bobs.shape[1]))
+        self._steppers[-1].bind(self)
+        return self._steppers[-1]
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update(state)
+        self._bind()
+
+    def _bind(self) -> None:
+        for stepper in self._steppers:
+            stepper.bind(self)
 
 
 class Stepper:
-    """Scratch of one thread, and the call that advances a range of episodes by one control interval."""
+    """Scratch of one thread, and the call that advances a range of episodes by one control interval.
+
+    step(actions (K, A), observations (K, 4 N + 3), lo, hi) returns the first status that is not DONE.
+    """
 
     def __init__(self, bobs: int) -> None:
         self.scratch, self.angles, self.impacts = _scratch(bobs)
-        self._table = restitution.universal_curves()
-        self._times, self._motion = np.empty(0), np.empty((0, 0, 4))
+        self.step: Callable[[np.ndarray, np.ndarray, int, int], int]
 
-    def step(self, of: Episodes, actions: np.ndarray, observations: np.ndarray, lo: int, hi: int) -> int:
-        """Advances the episodes lo..hi-1 and returns the first status that is not DONE; see `control.step`."""
-        return control.step(
-            of.cradles, of.bobs, self._table, of.state, self.scratch, self.angles, of.episodes, of.ring, actions,
-            self._times, self._motion, self.impacts, observations, of.report, lo, hi,
+    def bind(self, of: Episodes) -> None:
+        """Steps these episodes from now on: the call that is made most has the fewest arguments to gather."""
+        self.step = functools.partial(
+            control.step, of.cradles, of.bobs, restitution.universal_curves(), of.state, self.scratch, self.angles,
+            of.episodes, of.ring, np.empty(0), np.empty((0, 0, 4)), self.impacts, of.report,
         )  # fmt: skip
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {name: value for name, value in self.__dict__.items() if name != "step"}
 
     def rows(self, count: int) -> np.ndarray:
         """The impacts of the last episode stepped, `count` of them; see `IMPACT`."""

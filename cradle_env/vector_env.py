@@ -14,7 +14,7 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
 from cradle_env.env import NewtonCradleEnv, State, check_render_mode
-from cradle_env.episodes import INFO, OVER, REWARD, SYNCHRONIZED, Episodes, Stepper, check_status
+from cradle_env.episodes import INFO, OVER, REWARD, SYNCHRONIZED, Episodes, check_status
 from cradle_env.settings import Settings
 from cradle_env.spaces import action_space, observation_space
 from cradle_env.trajectory import IMPACT
@@ -64,7 +64,7 @@ class NewtonCradleVectorEnv(VectorEnv):
         self._over = np.zeros(self.num_envs, bool)
         self._ready = False
         workers = min(workers or os.cpu_count() or 1, self.num_envs)
-        self._steppers = [Stepper(self.settings.bobs) for _ in range(workers)]
+        self._steppers = [self._episodes.stepper() for _ in range(workers)]
         self._pool: ThreadPoolExecutor | None = None
         mode, fps = self.render_mode, NewtonCradleEnv.metadata["render_fps"]
         self._views = [] if mode is None else [View(mode, fps, own) for own in self._each]
@@ -169,7 +169,7 @@ class NewtonCradleVectorEnv(VectorEnv):
             lo, end = bounds[thread], bounds[thread + 1]
             failed = 0
             for hi in [*(k for k in waiting if lo <= k < end), end]:
-                failed = self._steppers[thread].step(self._episodes, actions, self._observations, lo, hi) or failed
+                failed = self._steppers[thread].step(actions, self._observations, lo, hi) or failed
                 lo = hi + 1
             return failed
 

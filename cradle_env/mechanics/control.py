@@ -8,18 +8,16 @@ from cradle_env.mechanics.forces import pivot_at
 from cradle_env.mechanics.jit import entry, jit
 from cradle_env.mechanics.motion import between, energy_between
 from cradle_env.mechanics.parameters import (
-    BRANCH,
     BROUGHT,
     COLUMNS,
     CONTACT_LOSS,
     DRAG,
-    S_REF,
     START,
     SUSTAIN,
     SYNCHRONIZE,
     T0,
     T1,
-    T_REF,
+    TENSION,
     WORK,
 )
 from cradle_env.mechanics.spacer import drive, pivot_per_delta
@@ -44,14 +42,14 @@ REPORT: tuple[str, ...] = (
 
 @entry
 def step(
-    cradles, bobs, table, S, W, angles, episodes, ring, actions, times, motion, impacts, observations, report, lo, hi
+    cradles, bobs, table, S, W, angles, episodes, ring, times, motion, impacts, report, actions, observations, lo, hi
 ):
     """One control interval of the episodes lo..hi-1; returns the first status that is not DONE.
 
     cradles (K,) CRADLE; bobs (K, N) BOB; S (K, N, COLUMNS); W and angles (N,): scratch; episodes (K,) EPISODE;
-    ring (K, R) rad: the lifted bob's angle over sigma's window; actions (K, A) in [-1, 1]; times (0,) and motion
-    (0, 0, 4): nothing; impacts (M, 4): those of the last run's interval; observations (K, 4 N + 3);
-    report (K, len(REPORT)).
+    ring (K, R) rad: the lifted bob's angle over sigma's window; times (0,) and motion (0, 0, 4): nothing;
+    impacts (M, 4): those of the last run's interval; report (K, len(REPORT)); actions (K, A) in [-1, 1];
+    observations (K, 4 N + 3).
     """
     worst = DONE
     for k in range(lo, hi):
@@ -305,7 +303,8 @@ def drawing(cradles, bobs, S, episodes, k, out):
         out[i, 2] = 1.0
         if cradles[k].elastic:
             r2 = (x - pivot_at(bob, t)) ** 2 + z * z
-            pull = tension(bob, S[k, i, BRANCH], S[k, i, S_REF], S[k, i, T_REF], stretch(bob, r2))
+            t0, t1, t2 = S[k, i, TENSION], S[k, i, TENSION + 1], S[k, i, TENSION + 2]
+            pull = tension(t0, t1, t2, stretch(bob, r2))
             out[i, 2] = pull * bob.grip / (bob.mass * cradles[k].gravity)
         x, z, vx, vz = place(cradles[k], bob, t, x, z, vx, vz)
         out[i, 0], out[i, 1] = x, z
