@@ -45,7 +45,6 @@ if "NewtonCradleRelease-v0" not in _registration.registry:
     _registration.register(
         "NewtonCradleRelease-v0",
         entry_point="cradle_env.release_env:NewtonCradleReleaseEnv",
-        max_episode_steps=1,
         reward_threshold=0.15,
     )
 

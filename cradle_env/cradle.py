@@ -85,7 +85,7 @@ class Cradle:
         kappa = self._kappa_for(STANDARD_BETA) if self.kappa is None else self.kappa
         put("kappa", check_range("kappa", kappa, "N/m", 0.0, above=True))
         if self.power_law is not None:
-            if len(self.power_law) != 2:
+            if not isinstance(self.power_law, Sequence | np.ndarray) or len(self.power_law) != 2:
                 raise ValueError(f"power_law is {self.power_law!r}; it must be the pair (alpha, n)")
             alpha, n = self.power_law
             put("power_law", (check_range("alpha", alpha, "", 0.0), check_range("n", n, "", 0.0)))

@@ -30,14 +30,21 @@ def read_model(path: Path) -> tuple[str, dict[str, dict[str, float]]]:
     for key in model:
         if key not in ("base", "effects", "parameters"):
             raise ValueError(f"{path}: " + unknown_key("key of [model]", key, ("base", "effects", "parameters")))
-    base = model.get("base", "nsp")
+    base = str(model.get("base", "nsp"))
     if base not in MODELS:
-        raise ValueError(f"{path}: " + unknown_key("base", str(base), MODELS))
-    parameters = model.get("parameters", {})
+        raise ValueError(f"{path}: " + unknown_key("base", base, MODELS))
+    named, parameters = model.get("effects", []), model.get("parameters", {})
+    if not isinstance(named, list) or not all(isinstance(name, str) for name in named):
+        raise ValueError(f'{path}: effects is {named!r}; it must be a list of names, as effects = ["quadratic_drag"]')
+    if not isinstance(parameters, dict) or not all(isinstance(values, dict) for values in parameters.values()):
+        raise ValueError(f"{path}: parameters is {parameters!r}; write a table [model.parameters.EFFECT] of numbers")
     effects: dict[str, dict[str, float]] = {}
-    for name in (*model.get("effects", ()), *parameters):
-        declared = effect(name.removeprefix("-"))
+    for name in (*named, *parameters):
         values = parameters.get(name, {})
+        try:
+            declared = effect(name.removeprefix("-"))
+        except ValueError as error:
+            raise ValueError(f"{path}: {error}") from None
         missing = [p.key for p in declared.parameters if p.key not in values]
         if missing and not name.startswith("-"):
             raise ValueError(
@@ -54,13 +61,19 @@ def _posterior(path: str, _changed: float) -> Mapping[str, np.ndarray]:
     try:
         with h5py.File(path) as file:
             group: Any = file["posterior"]
-            draws = {name: np.ravel(group[name][()]) for name in group if name in CRADLE_NUMBERS or "." in name}
-    except (OSError, KeyError):
+            draws = {
+                name: np.ravel(group[name][()]).astype(float) for name in group if name in CRADLE_NUMBERS or "." in name
+            }
+    except (OSError, KeyError, TypeError, ValueError):
         raise ValueError(
             f"{path} is no posterior of a calibration; name the posterior.nc that one has written"
         ) from None
     if not draws:
         raise ValueError(f"{path} holds no parameter of a cradle")
+    counts = {name: len(values) for name, values in draws.items()}
+    if len(set(counts.values())) > 1 or 0 in counts.values():
+        told = ", ".join(f"{count} of {name}" for name, count in counts.items())
+        raise ValueError(f"{path} must hold equally many draws of all parameters, at least one; it has {told}")
     return MappingProxyType(draws)
 
 

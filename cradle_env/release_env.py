@@ -14,6 +14,7 @@ from cradle_env.cradle import Cradle, Release
 from cradle_env.settings import Settings
 from cradle_env.simulation import equilibrium, simulate
 from cradle_env.spaces import action_space
+from cradle_env.synchronization import WINDOW
 
 #: Instants at which σ is shown, as parts of the duration.
 FEATURES = np.arange(1, 13) / 12.0
@@ -74,6 +75,8 @@ class NewtonCradleReleaseEnv(gym.Env[np.ndarray, np.ndarray]):
             raise ValueError(f"render_mode is {render_mode!r}; one step is a whole experiment, which has no picture")
         self.render_mode = None
         self.settings = Settings.of(**settings)
+        if self.settings.duration <= WINDOW[0]:
+            raise ValueError(f"duration is {self.settings.duration:g} s; λ takes more than {WINDOW[0]:g} s")
         self.action_space = action_space(self.settings)
         self._shape = self.action_space.shape
         low = np.concatenate([np.zeros(len(FEATURES)), [-1.0, -1.0, 0.0]])

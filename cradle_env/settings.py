@@ -15,6 +15,7 @@ import numpy as np
 from gymnasium.error import InvalidAction
 
 from cradle_env.cradle import CRADLE_NUMBERS, Cradle, Release
+from cradle_env.effects import MODELS
 from cradle_env.errors import check_range, unknown_key
 from cradle_env.model_files import read_model, read_posterior
 
@@ -65,50 +66,72 @@ class Settings:
         """Settings from keyword arguments, among which fields of Cradle stand beside the settings' own."""
         own = {f.name for f in dataclasses.fields(cls)} - {"cradle"}
         for key in given:
-            if key not in own and key not in CRADLE_NUMBERS and key != "power_law":
-                raise TypeError(unknown_key("setting", key, (*own, *CRADLE_NUMBERS, "power_law")))
+            if key not in SETTINGS:
+                raise TypeError(unknown_key("setting", key, SETTINGS))
         cradle = {key: value for key, value in given.items() if key not in own}
         return cls(cradle=cradle, **{key: value for key, value in given.items() if key in own})
 
     def __post_init__(self) -> None:
         put = functools.partial(object.__setattr__, self)
-        if isinstance(self.actions, str) or len(set(self.actions)) != len(self.actions) or not self.actions:
+        # A set would say neither which number of an action is which, nor the same in every process.
+        if isinstance(self.actions, str) or not isinstance(self.actions, Sequence) or not self.actions:
             raise ValueError(f"actions is {self.actions!r}; give one or both of {', '.join(ACTIONS)}, as a sequence")
         for name in self.actions:
             if name not in ACTIONS:
-                raise ValueError(unknown_key("action", name, ACTIONS))
+                raise ValueError(unknown_key("action", str(name), ACTIONS))
+        if len(set(self.actions)) != len(self.actions):
+            raise ValueError(f"actions is {self.actions!r}; name each only once")
         put("actions", tuple(self.actions))
         if isinstance(self.reward, str) and self.reward not in REWARDS:
             raise ValueError(unknown_key("reward", self.reward, REWARDS) + ", or a function of two infos")
         if not isinstance(self.reward, str) and not callable(self.reward):
             raise TypeError(f"reward is {self.reward!r}; it must be one of {', '.join(REWARDS)} or a function")
-        for name, unit in (("spacer_speed", "m/s"), ("control_interval", "s"), ("duration", "s")):
+        for name, unit in (("spacer_speed", "m/s"), ("duration", "s")):
             put(name, check_range(name, getattr(self, name), unit, 0.0, above=True))
+        # σ's window holds a sample of every interval.
+        put("control_interval", check_range("control_interval", self.control_interval, "s", 1e-4))
         if self.control_interval > self.duration:
             raise ValueError(f"control_interval is {self.control_interval:g} s; an episode lasts {self.duration:g} s")
         put("synchronized_at", check_range("synchronized_at", self.synchronized_at, "", 0.0, 1.0, above=True))
-        put("dtype", np.dtype(self.dtype))
+        try:
+            put("dtype", np.dtype(self.dtype))
+        except TypeError:
+            raise TypeError(f"dtype is {self.dtype!r}; observations are float32 or float64") from None
         if self.dtype not in (np.float32, np.float64):
             raise ValueError(f"dtype is {self.dtype}; observations are float32 or float64")
         put("delta_range", self._checked_limits("delta_range", "", *DELTA_LIMITS))
         put("release_angle_range", self._checked_limits("release_angle_range", "rad", 0.0, math.pi))
+        if not isinstance(self.effects, Mapping) or not all(isinstance(v, Mapping) for v in self.effects.values()):
+            raise TypeError(f"effects is {self.effects!r}; give {{name: {{parameter: value}}}}, {{}} for no parameters")
         put("effects", MappingProxyType(dict(self.effects)))
         put("cradle", MappingProxyType(dict(self.cradle)))
-        if Path(str(self.model)).suffix == ".toml":
+        if not isinstance(self.model, str | Path):
+            raise TypeError(
+                f"model is {self.model!r}; it must be one of {', '.join(MODELS)} or the path of a TOML file"
+            )
+        if Path(self.model).suffix == ".toml":
             model, effects = read_model(Path(self.model))
             put("model", model)
             put("effects", MappingProxyType({**effects, **self.effects}))
+        put("model", str(self.model))
         for name in PER_EPISODE:
             ends = self._ends(name)
+            if not ends and name in ACTIONS:
+                raise ValueError(f"{name} is None; give a number, or a range (low, high)")
             for value in ends:
                 self._check(name, value)
             if ends and ends[0] > ends[1]:
                 raise ValueError(f"{name} is ({ends[0]:g}, {ends[1]:g}); a range is (low, high), low below high")
         for longest in (0, -1):  # both ends of every range make a cradle
             cradle = self._cradle({name: self._ends(name)[longest] for name in PER_EPISODE if self._ends(name)})
-            Release(angle=self._ends("release_angle")[longest], bobs=self.released_bobs, start=self.start).angles_of(
-                cradle
-            )
+            angles = self._ends("release_angle")
+            if "release_angle" in self.actions:
+                angles = self.release_angle_range
+            release = Release(angle=angles[longest], bobs=self.released_bobs, start=self.start)
+            release.angles_of(cradle)
+        # "5" and 5.0 are five, too; arrays are made of whole numbers.
+        put("bobs", cradle.bobs)
+        put("released_bobs", release.bobs)
 
     def __reduce__(self):
         fields = {f.name: getattr(self, f.name) for f in dataclasses.fields(self)}
@@ -116,9 +139,12 @@ class Settings:
 
     def _checked_limits(self, name: str, unit: str, low: float, high: float) -> tuple[float, float]:
         limits = getattr(self, name)
-        if not _is_range(limits) or not limits[0] < limits[1]:
-            raise ValueError(f"{name} is {limits!r}; it must be two numbers (low, high), low below high [{unit}]")
-        return tuple(check_range(name, x, unit, low, high) for x in limits)  # type: ignore[return-value]
+        if not _is_range(limits):
+            raise ValueError(f"{name} is {limits!r}; it must be two numbers (low, high)")
+        least, largest = (check_range(name, x, unit, low, high, above=low == 0.0) for x in limits)
+        if not least < largest:
+            raise ValueError(f"{name} is ({least:g}, {largest:g}); a range is (low, high), low below high")
+        return least, largest
 
     def _check(self, name: str, value: Any) -> None:
         """ValueError unless the value is possible, and within what the actions reach."""
@@ -127,7 +153,7 @@ class Settings:
             remedy = "at δ = −1 the pivots coincide" if name == "delta" else ""
             if name in self.actions:
                 limits, remedy = getattr(self, f"{name}_range"), f"or widen {name}_range"
-            check_range(name, value, unit, *limits, remedy=remedy)
+            check_range(name, value, unit, *limits, above=name == "release_angle" and limits[0] == 0.0, remedy=remedy)
         else:
             check_range(name, value, "")
 
@@ -145,13 +171,17 @@ class Settings:
 
     def for_episode(self, options: Mapping[str, Any] | None) -> tuple[Settings, Mapping[str, np.ndarray] | None]:
         """The settings of one episode, and the draws of a posterior if one is named."""
-        if not options:
+        if options is None:
             return self, None
         if not isinstance(options, Mapping):
             raise TypeError(f"options is {type(options).__name__}; it must be a dictionary")
         for key in options:
             if key not in PER_EPISODE and key != "posterior":
-                raise ValueError(unknown_key("option", key, (*PER_EPISODE, "posterior")))
+                if key in SETTINGS:
+                    raise ValueError(f"option {key!r} is the same for all episodes; make an environment with it")
+                raise ValueError(unknown_key("option", str(key), (*PER_EPISODE, "posterior")))
+        if not options:
+            return self, None
         own = {key: value for key, value in options.items() if key in ("delta", "release_angle")}
         cradle = {key: value for key, value in options.items() if key in CRADLE_NUMBERS}
         changed = dataclasses.replace(self, cradle={**self.cradle, **cradle}, **own)
@@ -192,10 +222,7 @@ class Settings:
 
     def checked_action(self, action: Any) -> np.ndarray:
         """The action as float64; InvalidAction unless it has one number in [−1, 1] for each of `actions`."""
-        try:
-            numbers = np.asarray(action, dtype=float)
-        except (TypeError, ValueError):
-            numbers = np.empty(0)
+        numbers = as_numbers(action)
         if numbers.shape != (len(self.actions),) or not (np.abs(numbers) <= 1.0).all():
             wanted = f"{len(self.actions)} numbers in [-1, 1]: {', '.join(self.actions)}"
             raise InvalidAction(f"action is {action!r}; it must be {wanted}")
@@ -213,9 +240,37 @@ class Settings:
         """The cradle with the upper end of every range."""
         return self._cradle({name: self._ends(name)[-1] for name in PER_EPISODE if self._ends(name)})
 
+    def narrowest(self) -> Cradle:
+        """The cradle with the lower end of every range."""
+        return self._cradle({name: self._ends(name)[0] for name in PER_EPISODE if self._ends(name)})
+
+    @functools.cached_property
+    def lasting(self) -> dict[str, Any]:
+        """What is the same for all episodes, and so for a state and the environment that takes it up."""
+        told = {name: getattr(self, name) for name in _LASTING}
+        return {**told, "reward": self.reward if isinstance(self.reward, str) else "a function"}
+
+
+#: What an environment can be told.
+SETTINGS = (*(f.name for f in dataclasses.fields(Settings) if f.name != "cradle"), *CRADLE_NUMBERS, "power_law")
+
+
+_LASTING = tuple(
+    f.name for f in dataclasses.fields(Settings) if f.name not in (*PER_EPISODE, "cradle", "model", "effects", "dtype")
+)
+
 
 def _settings(fields: dict[str, Any]) -> Settings:
     return Settings(**fields)
+
+
+def as_numbers(action: Any) -> np.ndarray:
+    """What was given as float64, empty where it is not made of real numbers; text is none, nor are dates."""
+    try:
+        given = np.asarray(action)
+        return given.astype(float) if given.dtype.kind in "biuf" else np.empty(0)
+    except (TypeError, ValueError):
+        return np.empty(0)
 
 
 def _is_range(value: Any) -> bool:
