@@ -1,4 +1,4 @@
-"""Experiments simulated by the project itself, and posteriors made up around their truth: quick, for the face of it."""
+"""Experiments simulated by the project itself or recorded elsewhere, and posteriors made up around their truth."""
 
 import numpy as np
 
@@ -7,6 +7,7 @@ from identification.experiment import Experiment
 from identification.likelihood import Likelihood
 from identification.posterior import Convergence, Gap, Posterior
 from identification.runs import ReleaseInfo, Run
+from tests.independent.laboratory import Recording
 
 #: Relative width of the made-up posterior, by unknown.
 WIDTHS = {"k_f": 1.5e-3, "kappa": 2e-4, "b": 3e-3}
@@ -24,6 +25,16 @@ def simulated_run(
         seen, noise = motion.r * np.sin(motion.theta), noise * cradle.length
     fields = {"release": ReleaseInfo(release, angle_sd=1e-3), "noise": noise, "delta": cradle.delta} | fields
     return Run(motion.t, seen + noise * rng.standard_normal(seen.shape), **fields)
+
+
+def recorded_run(recording: Recording, **fields) -> Run:
+    """The run that the files of a recording would state; fields as in Run."""
+    release = ReleaseInfo(Release(angles=recording.angles, start=recording.start), angle_sd=1e-3)
+    delta = recording.cradle.delta if np.ndim(recording.cradle.delta) == 0 else tuple(recording.cradle.delta)
+    stated = {"quantity": recording.quantity, "release": release, "noise": recording.noise or None, "delta": delta}
+    if recording.quantity == "x":
+        stated["unit"] = "m"
+    return Run(recording.times, recording.readings, **{**stated, **fields})
 
 
 def made_up_posterior(
