@@ -106,7 +106,7 @@ class NewtonCradleEnv(gym.Env[np.ndarray, np.ndarray]):
     | `actions` | ("delta", "release_angle") | one or both |
     | `delta_range` | (−0.02, 0.1) | |
     | `release_angle_range` | (0.05, 0.5) | rad |
-    | `spacer_speed` | 0.01 | fastest change of a gap, m/s |
+    | `spacer_speed` | 0.03 | fastest change of a gap, m/s |
     | `control_interval` | 1/60 | s |
     | `duration` | 60.0 | s |
     | `reward` | "synchronize" | or "sustain", or a function |

@@ -54,7 +54,7 @@ class Settings:
     actions: Sequence[str] = ACTIONS
     delta_range: tuple[float, float] = (-0.02, 0.1)
     release_angle_range: tuple[float, float] = (0.05, 0.5)
-    spacer_speed: float = 0.01
+    spacer_speed: float = 0.03
     control_interval: float = 1.0 / 60.0
     duration: float = 60.0
     reward: str | Callable[[dict[str, float], dict[str, float]], float] = "synchronize"

@@ -79,9 +79,16 @@ def simulate_batch(
     return in_threads(lambda pair: _run(pair[0], pair[1], wanted, ledger, step_factor), pairs, workers)
 
 
+def cores() -> int:
+    """How many cores this process may use."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
 def in_threads(function: Callable, items: Sequence, workers: int | None = None) -> list:
     """[function(item) for item in items] on several threads; the kernels run without the interpreter lock."""
-    workers = min(workers or os.cpu_count() or 1, max(len(items), 1))
+    workers = min(workers or cores(), max(len(items), 1))
     if workers == 1:
         return [function(item) for item in items]
     with ThreadPoolExecutor(workers) as pool:

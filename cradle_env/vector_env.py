@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any, NoReturn
@@ -16,6 +15,7 @@ from gymnasium.vector.utils import batch_space
 from cradle_env.env import NewtonCradleEnv, State, check_render_mode, check_state
 from cradle_env.episodes import INFO, OVER, REWARD, SYNCHRONIZED, Episodes, check_status
 from cradle_env.settings import Settings, as_numbers
+from cradle_env.simulation import cores
 from cradle_env.spaces import action_space, observation_space
 from cradle_env.trajectory import IMPACT
 from cradle_env.view import View
@@ -76,7 +76,7 @@ class NewtonCradleVectorEnv(VectorEnv):
         self._steps = np.zeros(self.num_envs, int)
         self._over = np.zeros(self.num_envs, bool)
         self._ready = False
-        workers = min(workers or os.cpu_count() or 1, self.num_envs)
+        workers = min(workers or cores(), self.num_envs)
         self._steppers = [self._episodes.stepper() for _ in range(workers)]
         self._pool: ThreadPoolExecutor | None = None
         self._views = [] if render_mode is None else [View(render_mode, fps, own) for own in self._each]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import time
 from collections.abc import Callable
 from typing import Any
@@ -10,6 +9,7 @@ from typing import Any
 import gymnasium as gym
 
 import cradle_env  # noqa: F401  registers the environments
+from cradle_env.simulation import cores
 
 #: Gymnasium's classics, and ours, each with its default wrappers.
 _SINGLE: dict[str, tuple[str, dict[str, Any]]] = {
@@ -49,7 +49,7 @@ def _player(env: gym.Env, steps: int) -> Callable[[], None]:
 def vector_environments(steps: int = 40) -> dict[str, float]:
     """Steps per second, environments times calls, of 1024 cradles of five bobs on one thread and on two."""
     best: dict[str, float] = {}
-    for workers in (1, 2)[: os.cpu_count()]:
+    for workers in (1, 2)[: cores()]:
         env = gym.make_vec("NewtonCradle-v0", num_envs=_MANY, bobs=5, workers=workers)
         env.action_space.seed(0)
         actions = [env.action_space.sample() for _ in range(10)]
