@@ -106,7 +106,7 @@ class Cradle:
         for name, values in self.effects.items():
             if name.startswith("-") and values:
                 raise ValueError(f"{name!r} takes an effect out and has no parameters; given: {', '.join(values)}")
-            checked[name] = MappingProxyType(composed[name].checked(values) if name in composed else {})
+            checked[name] = MappingProxyType(composed[name].checked(values, self.bobs) if name in composed else {})
         if "contact_duration" in composed and self.power_law is not None:
             raise ValueError("contact_duration follows eq. 1 in time and needs k_f; take the power law out")
         return MappingProxyType(checked)
@@ -187,8 +187,12 @@ class Cradle:
 
     @property
     def gaps(self) -> np.ndarray:
-        """δ of each gap, shape (N − 1,)."""
-        return np.broadcast_to(np.asarray(self.delta, dtype=float), (self.bobs - 1,))
+        """δ of each gap, shape (N − 1,): as stated, and what effects add."""
+        gaps = np.broadcast_to(np.asarray(self.delta, dtype=float), (self.bobs - 1,))
+        for e in self.composition:
+            if e.gaps is not None:
+                gaps = gaps + e.gaps(self.effects.get(e.name, {}))
+        return gaps
 
     @property
     def pivots(self) -> np.ndarray:

@@ -38,8 +38,10 @@ def read_experiment(
     top = Table.parse(path.name, text)
     top.only(("format", "cradle", "model", "run", "infer"), "table")
     top.string("format", (FORMAT,))
-    model, unknown = _read_model(top.table("model") if "model" in top else Table(path.name, text, {}))
-    cradle = _read_cradle(top.table("cradle") if "cradle" in top else Table(path.name, text, {}), model)
+    known = top.table("cradle") if "cradle" in top else Table(path.name, text, {})
+    bobs = known.whole("bobs") if "bobs" in known else Cradle.bobs
+    model, unknown = _read_model(top.table("model") if "model" in top else Table(path.name, text, {}), bobs)
+    cradle = _read_cradle(known, model)
     infer = _read_priors(top.table("infer"), cradle) if "infer" in top else {}
     recordings: dict[str, Recording] = {}
     runs = []
@@ -56,8 +58,9 @@ def read_experiment(
     return cradle, tuple(runs), infer, unknown, [recording.data for recording in recordings.values()]
 
 
-def _read_model(table: Table) -> tuple[dict[str, Any], tuple[str, ...]]:
-    """Cradle's `model` and `effects`, and the effect parameters without a value, which start from their scale.
+def _read_model(table: Table, bobs: int) -> tuple[dict[str, Any], tuple[str, ...]]:
+    """Cradle's `model` and `effects`, and the effect parameters without a value, which start from their scale (from 0
+    where there is one for each bob or gap).
 
     An effect whose parameters are stated belongs to the model, whether `effects` lists it or not.
     """
@@ -79,18 +82,12 @@ def _read_model(table: Table) -> tuple[dict[str, Any], tuple[str, ...]]:
             given = stated.table(name)
             given.only([p.key for p in declared.parameters], f"parameter of {name}")
             values = {key: given.number_or_numbers(key) for key in given.values}
-        starts = {} if name.startswith("-") else {p.key: p.scale for p in declared.parameters if p.key not in values}
+        missing = [] if name.startswith("-") else [p for p in declared.parameters if p.key not in values]
+        starts = {p.key: 0.0 if p.each else p.scale for p in missing}
         unknown += [f"{name}.{key}" for key in starts]
         with stated.entry(name):
-            effects[name] = _checked_values(declared, {**values, **starts}) if values or starts else {}
+            effects[name] = declared.checked({**values, **starts}, bobs) if values or starts else {}
     return {"model": base, "effects": effects}, tuple(unknown)
-
-
-def _checked_values(declared, values: dict[str, Any]) -> dict[str, Any]:
-    try:
-        return declared.checked(values)
-    except TypeError:
-        raise ValueError(f"{declared.name} takes one number for each parameter, not a list") from None
 
 
 def _read_cradle(table: Table, model: dict[str, Any]) -> Cradle:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -69,12 +70,7 @@ class Likelihood:
         """The cradle with these values, at the δ of a run (the first where omitted)."""
         cradle = self.experiment.cradle_of(run or self.experiment.runs[0])
         fields = {u.name: values[u.name] for u in self.of_model if "." not in u.name}
-        effects = {name: dict(known) for name, known in cradle.effects.items()}
-        for u in self.of_model:
-            if "." in u.name:
-                name, key = u.name.split(".")
-                effects[name][key] = values[u.name]
-        return cradle.replace(**fields, effects=effects)
+        return cradle.replace(**fields, effects=with_values(cradle, values))
 
     def beginning(self, values: Mapping[str, float], index: int) -> tuple[Release | InitialState, float]:
         """(how run `index` begins, the time in its file at which the simulation starts [s])."""
@@ -102,7 +98,7 @@ class Likelihood:
         cradle = self.cradle(values, run)
         beginning, zero = self.beginning(values, index)
         instrument = Instrument(cradle, run.quantity)
-        wanted = np.maximum(instrument.instants(run.times[rows]) - zero, 0.0)
+        wanted = np.maximum(instrument.instants(run.times[rows] - zero), 0.0)
         grid = np.arange(int(WINDOW[1] * LAMBDA_RATE) + 1) / LAMBDA_RATE if with_lambda else np.empty(0)
         times = np.concatenate([wanted, grid])
         order = np.argsort(times, kind="stable")
@@ -167,6 +163,21 @@ class Likelihood:
             (u.value(z) - u.mean) / u.sd for u, z in zip(self.unknowns, point, strict=True) if not math.isnan(u.sd)
         ]
         return np.concatenate([*parts, np.array(prior)])
+
+
+def with_values(cradle: Cradle, values: Mapping[str, float]) -> dict[str, dict[str, Any]]:
+    """The cradle's effects with the values of "effect.key" and "effect.key[i]" put in; where the numbers of a parameter
+    sum to 0, the last is what the others leave."""
+    effects = {name: dict(known) for name, known in cradle.effects.items()}
+    for effect in cradle.composition:
+        for p in effect.parameters:
+            name = f"{effect.name}.{p.key}"
+            if name in values:
+                effects[effect.name][p.key] = values[name]
+            elif f"{name}[1]" in values:
+                numbers = [values[f"{name}[{i}]"] for i in range(1, p.count(cradle.bobs) + (not p.balanced))]
+                effects[effect.name][p.key] = [*numbers, -sum(numbers)] if p.balanced else numbers
+    return effects
 
 
 def lifted_further(release: Release, error: float) -> Release:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -35,13 +36,25 @@ class Instrument:
                     weights = (weights[:, None] * shares).ravel()
         return offsets, weights
 
+    @functools.cached_property
+    def clock(self) -> float:
+        """How fast the file's clock runs over the true one."""
+        rates = (
+            effect.clock(self.cradle.effects.get(effect.name, {}))
+            for effect in self.cradle.composition
+            if effect.clock is not None
+        )
+        return math.prod(rates)
+
     def instants(self, times: np.ndarray) -> np.ndarray:
-        """When to sample the motion [s], (T K,), for readings at times (T,): those of each reading in turn.
+        """When to sample the motion [s], (T K,), for readings at times (T,) by the file's clock: those of each reading
+        in turn. Both count from the same instant.
 
         They are in order of time unless exposures overlap, and may begin before the first reading.
         """
         offsets, _ = self.exposure
-        return times if len(offsets) == 1 else (np.asarray(times)[:, None] + offsets).ravel()
+        true = times / self.clock if self.clock != 1.0 else times
+        return true if len(offsets) == 1 else (np.asarray(true)[:, None] + offsets).ravel()
 
     def readings(
         self, theta: np.ndarray, r: np.ndarray | None = None, rest: tuple[np.ndarray, np.ndarray] | None = None

@@ -91,7 +91,9 @@ def model_unknowns(experiment: Experiment, parameters: Sequence[str] | None = No
     unknowns = [_field_unknown(cradle, name, experiment.infer.get(name)) for name in names]
     chosen = [*experiment.unknown_effect_parameters]
     chosen += [name for name in experiment.infer if "." in name and name not in chosen]
-    return unknowns + [_effect_unknown(cradle, name, experiment.infer.get(name)) for name in chosen]
+    for name in chosen:
+        unknowns += _effect_unknowns(cradle, name, experiment.infer.get(name))
+    return unknowns
 
 
 def matters(cradle: Cradle, name: str) -> bool:
@@ -115,13 +117,21 @@ def _field_unknown(cradle: Cradle, name: str, prior: Prior | None) -> Unknown:
     )  # fmt: skip
 
 
-def _effect_unknown(cradle: Cradle, name: str, prior: Prior | None) -> Unknown:
+def _effect_unknowns(cradle: Cradle, name: str, prior: Prior | None) -> list[Unknown]:
+    """The unknown of "effect.key", or one "effect.key[i]" for each bob or gap (all but the last if they sum to 0)."""
     effect_name, key = name.split(".")
     declared = next(e for e in cradle.composition if e.name == effect_name)
     p = next(p for p in declared.parameters if p.key == key)
-    start = cradle.effects.get(effect_name, {}).get(key, p.scale)
-    unknown = Unknown(name, p.unit, p.symbol, start, low=p.low, high=p.high, search=p.scale)
-    return unknown if prior is None else _with_prior(unknown, prior)
+    start = cradle.effects.get(effect_name, {}).get(key, 0.0 if p.each else p.scale)
+    starts = np.broadcast_to(np.asarray(start, dtype=float), (p.count(cradle.bobs),))
+    found = []
+    for i in range(p.count(cradle.bobs) - p.balanced):
+        index, sign = (f"[{i + 1}]", f"_{i + 1}") if p.each else ("", "")
+        unknown = Unknown(
+            name + index, p.unit, p.symbol + sign, float(starts[i]), low=p.low, high=p.high, search=p.scale
+        )
+        found.append(unknown if prior is None else _with_prior(unknown, prior))
+    return found
 
 
 def _with_prior(unknown: Unknown, prior: Prior) -> Unknown:

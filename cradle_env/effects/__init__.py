@@ -8,14 +8,20 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
+from cradle_env.effects.added_mass import added_mass
 from cradle_env.effects.angle_offset import angle_offset
+from cradle_env.effects.angle_scale import angle_scale
+from cradle_env.effects.clock_scale import clock_scale
 from cradle_env.effects.contact_duration import contact_duration
 from cradle_env.effects.declaration import Effect, Parameter
 from cradle_env.effects.exposure_blur import exposure_blur
 from cradle_env.effects.large_angle import large_angle
+from cradle_env.effects.length_mismatch import length_mismatch
+from cradle_env.effects.mass_mismatch import mass_mismatch
 from cradle_env.effects.pivot_friction import pivot_friction
 from cradle_env.effects.quadratic_drag import quadratic_drag
 from cradle_env.effects.radial_elasticity import radial_elasticity
+from cradle_env.effects.spacer_offset import spacer_offset
 from cradle_env.effects.string_hysteresis import string_hysteresis
 from cradle_env.effects.velocity_dependent_restitution import velocity_dependent_restitution
 from cradle_env.errors import unknown_key
@@ -27,9 +33,15 @@ CATALOGUE: tuple[Effect, ...] = (
     string_hysteresis,
     quadratic_drag,
     pivot_friction,
+    added_mass,
+    spacer_offset,
+    mass_mismatch,
+    length_mismatch,
     contact_duration,
     exposure_blur,
     angle_offset,
+    angle_scale,
+    clock_scale,
 )
 
 #: The base models, by the effects that they hold. HO and NSP are the paper's.
@@ -46,7 +58,10 @@ def register(effect: Effect) -> Effect:
     """Makes an effect from outside the package known by its name, here and in experiment files read hereafter."""
     if any(effect.name == known.name for known in CATALOGUE):
         raise ValueError(f"effect {effect.name!r} is in the catalogue already; choose another name")
-    if effect.force is None and effect.apply is None and effect.instants is None and effect.reading is None:
+    if all(
+        does is None
+        for does in (effect.force, effect.apply, effect.gaps, effect.instants, effect.clock, effect.reading)
+    ):
         raise ValueError(f"effect {effect.name!r} does nothing: give it a force, or what it does to a reading")
     _EFFECTS[effect.name] = effect
     return effect

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
 from cradle_env.errors import check_range, unknown_key
 
-#: Values of an effect's parameters by key; a sequence where there is one value per bob or per gap.
-Values = Mapping[str, float]
+#: Values of an effect's parameters by key; where there is one for each bob or gap, an array of them.
+Values = Mapping[str, Any]
 
 #: Where an effect can act.
 PLACES = ("string", "bob", "contact", "support", "measurement")
@@ -21,7 +22,8 @@ class Parameter:
     """One parameter of an effect.
 
     absent: the value at which the effect is not there (nan for a parameter that then means nothing);
-    low, high: physical bounds; scale: a typical size, which starts searches and sets priors.
+    low, high: physical bounds; scale: a typical size, which starts searches and sets priors; each: "bob" or "gap"
+    where there is one number for each of them; balanced: these sum to 0.
     """
 
     key: str
@@ -32,6 +34,27 @@ class Parameter:
     low: float
     high: float
     scale: float
+    each: str = ""
+    balanced: bool = False
+
+    def count(self, bobs: int) -> int:
+        """How many numbers a cradle of N bobs needs."""
+        return {"": 1, "bob": bobs, "gap": bobs - 1}[self.each]
+
+    def checked(self, name: str, value: Any, bobs: int) -> float | tuple[float, ...]:
+        """The value within its bounds; one for each bob or gap as a tuple, from a list or a single number."""
+        several = isinstance(value, Sequence | np.ndarray) and not isinstance(value, str)
+        if not self.each:
+            if several:
+                raise ValueError(f"{name} takes one number [{self.unit}], not a list")
+            return check_range(name, value, self.unit, self.low, self.high)
+        values = list(value) if several else [value] * self.count(bobs)
+        if len(values) != self.count(bobs):
+            raise ValueError(f"{name} has {len(values)} values; {bobs} bobs have {self.count(bobs)} {self.each}s")
+        numbers = tuple(check_range(name, v, self.unit, self.low, self.high) for v in values)
+        if self.balanced and abs(sum(numbers)) > 1e-9:
+            raise ValueError(f"{name} sums to {sum(numbers):g}; the values of all {self.each}s must sum to 0")
+        return numbers
 
 
 @dataclass(frozen=True)
@@ -40,8 +63,9 @@ class Effect:
 
     apply(cradle, bobs, values) writes the effect into the records that the kernels read; force(t, r, theta, v_r,
     v_theta, parameters) -> (F_r, F_theta) [N] is that of an effect from outside the package, compiled on first
-    use. Measurement effects: `instants(values)` gives the offsets [s] and weights over which a reading averages,
-    `reading(values, theta)` what the file shows for a true theta [rad].
+    use; gaps(values) is what the effect adds to δ of each gap. Measurement effects: `instants(values)` gives the
+    offsets [s] and weights over which a reading averages, `clock(values)` the rate of the file's clock over the true
+    one, `reading(values, theta)` what the file shows for a true theta [rad].
     """
 
     name: str
@@ -56,7 +80,9 @@ class Effect:
     requires: tuple[str, ...] = ()
     apply: Callable[[np.ndarray, np.ndarray, Values], None] | None = None
     force: Callable[..., tuple[float, float]] | None = None
+    gaps: Callable[[Values], np.ndarray] | None = None
     instants: Callable[[Values], tuple[np.ndarray, np.ndarray]] | None = None
+    clock: Callable[[Values], float] | None = None
     reading: Callable[[Values, np.ndarray], np.ndarray] | None = None
     caveat: str = field(default="")
 
@@ -70,8 +96,8 @@ class Effect:
         """The parameters at which the effect is not there."""
         return {p.key: p.absent for p in self.parameters}
 
-    def checked(self, values: Values) -> dict[str, float]:
-        """The values, complete and within bounds; ValueError otherwise."""
+    def checked(self, values: Values, bobs: int) -> dict[str, float | tuple[float, ...]]:
+        """The values for a cradle of N bobs, complete and within bounds; ValueError otherwise."""
         known = {p.key: p for p in self.parameters}
         for key in values:
             if key not in known:
@@ -80,5 +106,5 @@ class Effect:
         for key, p in known.items():
             if key not in values:
                 raise ValueError(f"{self.name}: {key} [{p.unit}] is missing; {p.meaning}")
-            complete[key] = check_range(f"{self.name}: {key}", values[key], p.unit, p.low, p.high)
+            complete[key] = p.checked(f"{self.name}: {key}", values[key], bobs)
         return complete
