@@ -306,6 +306,41 @@ def test_creep() -> None:
     assert np.ptp(amplitude) / amplitude[0] < 2e-3  # r'/(r w) = 5e-4 at 5 s is how slow "slowly" is
 
 
+def test_strings_that_creep_turn_where_their_stretch_does() -> None:
+    """A bob dropped on hysteretic strings that creep fast: r alone, each reversal of s' an event; 1e-11 per step."""
+    rate, natural, b, kappa = 2e-3, np.hypot(LENGTH, 0.1), 0.3, 196.0
+    times = np.linspace(0, 0.5, 51)
+    cradle = SoftCradle(1, kappa=kappa, b=b, effects={"string_creep": {"rate": rate}})
+    run = simulate_soft(cradle, {1: 0.0}, times=times)
+
+    def stretched(t: float, r: float) -> float:
+        return np.hypot(r, 0.1) - natural - rate * np.log1p(t)
+
+    def tension(s: float, loading: bool, s_turn: float, t_turn: float) -> float:
+        return max(t_turn + kappa * (s - s_turn), 0) if loading else t_turn * (s / s_turn) ** 2
+
+    def slope(t: float, state: np.ndarray, *law: float) -> list[float]:
+        pull = 4 * tension(stretched(t, state[0]), *law) * LENGTH / natural
+        return [state[1], G - (pull + b * state[1]) / MASS]
+
+    def turns(t: float, state: np.ndarray, *_: float) -> float:
+        return state[0] * state[1] / np.hypot(state[0], 0.1) - rate / (1 + t)
+
+    turns.terminal = True
+    t, state, law, parts = 0.0, [LENGTH, 0.0], (True, 0.0, 0.0), []
+    while t < times[-1]:
+        turns.direction = -1 if law[0] else 1
+        options = {"method": "DOP853", "rtol": 1e-12, "atol": 1e-14, "events": turns, "dense_output": True}
+        part = solve_ivp(slope, (t, times[-1]), state, args=law, **options)
+        t, state = part.t[-1], part.y[:, -1]
+        s = stretched(t, state[0])
+        law = (not law[0], s, tension(s, *law))
+        parts.append((t, part.sol))
+    assert len(parts) > 5
+    expected = [next(sol for end, sol in parts if time <= end)(time)[0] for time in times]
+    np.testing.assert_allclose(run.r[:, 0], expected, rtol=0, atol=1e-9)
+
+
 @pytest.mark.parametrize("delta", [0.0, 0.05])
 def test_bobs_in_phase_are_slowed_by_their_neighbours(delta: float) -> None:
     """Both swing as one bob would at b + slope exp(-gap/range); contacts that do not press add rounding."""
