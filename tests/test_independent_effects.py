@@ -54,7 +54,9 @@ def test_all_effects_are_tested_together() -> None:
 @pytest.mark.parametrize("strings", ["rigid", "elastic", "hysteretic"])
 def test_energy_ledger_closes(strings: str) -> None:
     """Motion, weight and frame, with all that was taken: 0.2 J, of which every step may err by some 1e-13."""
-    effects = ALL if strings != "rigid" else without(ALL, "string_kink")
+    effects = ALL
+    if strings == "rigid":  # creep so fast that the bobs' radial inertia counts
+        effects = without(ALL, "string_kink") | {"string_creep": {"rate": 5e-3}}
     run = simulate_soft(SoftCradle(3, strings=strings, effects=effects), {3: 0.228}, times=np.linspace(0, 3, 301))
     assert len(run.contacts) > 10
     assert np.ptp(run.mechanical_energy()) > 5e-3
