@@ -306,7 +306,7 @@ def settle(state: np.ndarray, lifted: np.ndarray, c: Constants) -> None:
     """Put the bobs that are not lifted into their common equilibrium, and the frame where they hold it.
 
     Unknown are r/r0 and th of each bob and one number u per pair: u > 0 is the contact force over m g, which
-    compresses by (F/k_el)^(2/3); u < 0 an open gap of -u diameters. Lifted bobs stay, and act on nobody.
+    compresses by (F/k_el)^(2/3); u < 0 an open gap of -u diameters; and X. Lifted bobs stay, and act on nobody.
     """
     n = len(lifted)
     if not (np.any(c.spacing < c.diameter) or c.kink or np.any(forces_at_rest(state, c))):
@@ -314,10 +314,11 @@ def settle(state: np.ndarray, lifted: np.ndarray, c: Constants) -> None:
     weight = c.mass * c.gravity
     start = np.concatenate([state[R, :n] / c.length, state[THETA, :n]])
     trial = state.copy()
+    spring = c.frame_mass * c.frame_frequency**2 if c.frame_frequency > 0.0 else 0.0
 
     def residual(unknown: np.ndarray) -> np.ndarray:
-        radius, angle, u = unknown[:n] * c.length, unknown[n : 2 * n], unknown[2 * n :]
-        trial[R, :n], trial[THETA, :n] = radius, angle
+        radius, angle, u, shift = unknown[:n] * c.length, unknown[n : 2 * n], unknown[2 * n : -1], unknown[-1]
+        trial[R, :n], trial[THETA, :n], trial[R, n] = radius, angle, shift
         force_x, force_y = forces_at_rest(trial, c)
         dx = c.spacing + np.diff(radius * np.sin(angle))
         dy = np.diff(-radius * np.cos(angle))
@@ -331,14 +332,13 @@ def settle(state: np.ndarray, lifted: np.ndarray, c: Constants) -> None:
         across = (push_x * np.cos(angle) + push_y * np.sin(angle)) / weight - np.sin(angle)
         balance = np.concatenate([radius / c.length - 1 if c.strings == RIGID else along, across])
         meeting = distance / c.diameter - 1 + np.minimum(u, 0) + (force / c.k_el) ** (2 / 3) / c.diameter
-        held = np.concatenate([lifted, lifted])
-        return np.concatenate([np.where(held, unknown[: 2 * n] - start, balance), np.where(c.meeting, meeting, u)])
+        bobs = np.where(np.concatenate([lifted, lifted]), unknown[: 2 * n] - start, balance)
+        # The strings pass on to the frame what pulls the bobs aside.
+        frame = shift - force_x[~lifted].sum() / spring if spring > 0.0 else shift
+        return np.concatenate([bobs, np.where(c.meeting, meeting, u), [frame]])
 
-    solution = root(residual, np.concatenate([start, 1 - c.spacing / c.diameter]), options={"xtol": 1e-15})
+    solution = root(residual, np.concatenate([start, 1 - c.spacing / c.diameter, [0.0]]), options={"xtol": 1e-15})
     worst = np.abs(residual(solution.x)).max()
     if worst > 1e-12:
         raise RuntimeError(f"no equilibrium for pivot spacings {c.spacing} m: residual {worst:.1e} > 1e-12")
-    state[R, :n], state[THETA, :n] = solution.x[:n] * c.length, solution.x[n : 2 * n]
-    if c.frame_frequency > 0.0:  # the strings pass on to it what pulls the bobs aside
-        force_x, _ = forces_at_rest(state, c)
-        state[R, n] = force_x[~lifted].sum() / (c.frame_mass * c.frame_frequency**2)
+    state[R, :n], state[THETA, :n], state[R, n] = solution.x[:n] * c.length, solution.x[n : 2 * n], solution.x[-1]
