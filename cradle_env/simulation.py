@@ -126,7 +126,11 @@ def records(cradle: Cradle, step_factor: float = 1.0) -> tuple[np.ndarray, np.nd
             forces.append((effect, values))
     if forces:
         _write_user_forces(c, bobs, forces)
-    bobs["mobility"] = 1.0 / bobs["mass"]
+    inertia = bobs["mass"] + bobs["added_mass"]
+    bobs["mobility"], bobs["fall"] = 1.0 / inertia, cradle.gravity * (bobs["mass"] / inertia)
+    middle = np.arange(cradle.bobs) - 0.5 * (cradle.bobs - 1)
+    bobs["misplaced"] = cradle.pivots - middle * 2.0 * cradle.radius * (1.0 + np.mean(cradle.delta))
+    bobs["slack"] = bobs["length"]
     bobs["string"] = np.hypot(bobs["length"], bobs["half_spacing"])
     bobs["grip"] = 4.0 * bobs["length"] / bobs["string"]
     angular = np.sqrt(cradle.gravity / bobs["length"].min())
@@ -134,6 +138,8 @@ def records(cradle: Cradle, step_factor: float = 1.0) -> tuple[np.ndarray, np.nd
     if c["elastic"][0]:
         radial = np.sqrt(np.max(bobs["kappa"] * bobs["grip"] ** 2 / (4.0 * bobs["mass"])))
         step = min(step, _RADIAL_STEP / radial)
+    if c["frame_mass"][0] > 0.0:
+        step = min(step, _RADIAL_STEP * np.sqrt(c["frame_mass"][0] / c["frame_stiffness"][0]))
     if bobs["tau_c"].any():
         step = min(step, _FRICTION_STEP / angular)
     c["step"] = step * step_factor
@@ -188,7 +194,7 @@ def _run(
     c, bobs, S, W = prepare(cradle, release, step_factor)
     n, table = cradle.bobs, restitution.universal_curves()
     motion = np.empty((len(times), n, 4))
-    energy = np.empty((len(times) if ledger else 0, n, 4))
+    energy = np.empty((len(times) if ledger else 0, n, 7))
     impacts, count = np.empty((max(256, 64 * n), 4)), 0
     while True:
         status, count = events.run(c[0], bobs, table, S, W, times[-1], times, motion, energy, impacts, count)

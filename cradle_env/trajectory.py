@@ -17,8 +17,9 @@ IMPACT = np.dtype([("time", "f8"), ("pair", "i8"), ("speed", "f8"), ("loss", "f8
 class Energy:
     """Energy ledger of a run [J], arrays of shape (T,), summed over bobs. `total` is constant.
 
-    strings is what the strings hold and have lost; lost_by_strings what of it was gone at their last slack; drag
-    counts every force against the motion, impacts what contacts have taken.
+    gravity counts the attraction of bobs too; strings is what the strings hold and have lost, lost_by_strings what of
+    it was gone at their last slack; drag counts every force against the motion, impacts what contacts have taken;
+    support is what a frame that moves has brought in (less what it has been given).
     """
 
     kinetic: np.ndarray
@@ -27,11 +28,12 @@ class Energy:
     lost_by_strings: np.ndarray
     drag: np.ndarray
     impacts: np.ndarray
+    support: np.ndarray
 
     @property
     def total(self) -> np.ndarray:
-        """Sum of all that is held and all that was taken [J]."""
-        return self.kinetic + self.gravity + self.strings + self.drag + self.impacts
+        """Sum of all that is held and all that was taken, less what came in [J]."""
+        return self.kinetic + self.gravity + self.strings + self.drag + self.impacts - self.support
 
 
 @dataclass(frozen=True)
@@ -46,7 +48,7 @@ class Trajectory:
     theta_dot: np.ndarray
     r_dot: np.ndarray
     impacts: np.ndarray
-    #: (T, N, 4): drag, contacts followed in time, strings, lost by strings [J]; None if the ledger was not kept.
+    #: (T, N, 7) [J], see mechanics.ledger.book; None if the ledger was not kept.
     ledger: np.ndarray | None = None
 
     def lead(self) -> tuple[int, float]:
@@ -81,18 +83,16 @@ class Trajectory:
         """The energy ledger; ValueError if the run did not keep it."""
         if self.ledger is None:
             raise ValueError("this run kept no energy ledger; simulate with ledger=True")
-        c = self.cradle
-        speed2 = self.r_dot**2 + (self.r * self.theta_dot) ** 2
-        height = -self.r * np.cos(self.theta) if c.has("large_angle") else 0.5 * self.r * self.theta**2 - self.r
-        drag, contacts, strings, lost = self.ledger.sum(axis=1).T
+        kinetic, gravity, drag, contacts, strings, lost, support = self.ledger.sum(axis=1).T
         order = np.argsort(self.impacts["time"], kind="stable")
         times = self.impacts["time"][order]
         taken = np.concatenate([[0.0], np.cumsum(self.impacts["loss"][order])])
         return Energy(
-            kinetic=0.5 * c.mass * speed2.sum(axis=1),
-            gravity=c.mass * c.gravity * height.sum(axis=1),
+            kinetic=kinetic,
+            gravity=gravity,
             strings=strings,
             lost_by_strings=lost,
             drag=drag,
             impacts=taken[np.searchsorted(times, self.t, side="right")] + contacts,
+            support=support,
         )

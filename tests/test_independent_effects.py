@@ -18,7 +18,7 @@ MASS, LENGTH, G = 0.2813, 0.30, 9.81
 
 #: Everything that acts on three bobs at once, apart from measurement.
 ALL = {
-    "group_drag": {"slope": 0.01},
+    "group_drag": {"slope": 5.0},
     "added_mass": {"mass": 0.03},
     "frame_compliance": {"frame_mass": 3.0, "frequency": 4.0, "damping_ratio": 0.02},
     "spacer_offset": {"offset": [2e-4, -1e-4]},
@@ -147,7 +147,7 @@ def cartesian(cradle: SoftCradle, start: np.ndarray, times: np.ndarray) -> np.nd
             push -= e["squeeze_film"]["coefficient"] * opening / (gap + 1e-4) ** 3
             fx[[i, i + 1]] += np.array([-1, 1]) * push * normal[0]
             fy[[i, i + 1]] += np.array([-1, 1]) * push * normal[1]
-            drag[[i, i + 1]] += e["group_drag"]["slope"] * np.exp(-gap / 5e-3)
+            drag[[i, i + 1]] += cradle.b * e["group_drag"]["slope"] * np.exp(-gap / 5e-3)
         fx -= drag * vx
         fy -= drag * vy
         away = (theta[2] - 0.05) / 0.05  # the magnet: a potential -energy exp(-away^2) of the angle alone

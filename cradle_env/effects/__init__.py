@@ -11,10 +11,13 @@ from collections.abc import Iterable
 from cradle_env.effects.added_mass import added_mass
 from cradle_env.effects.angle_offset import angle_offset
 from cradle_env.effects.angle_scale import angle_scale
+from cradle_env.effects.bob_attraction import bob_attraction
 from cradle_env.effects.clock_scale import clock_scale
 from cradle_env.effects.contact_duration import contact_duration
 from cradle_env.effects.declaration import Effect, Parameter
 from cradle_env.effects.exposure_blur import exposure_blur
+from cradle_env.effects.frame_compliance import frame_compliance
+from cradle_env.effects.group_drag import group_drag
 from cradle_env.effects.large_angle import large_angle
 from cradle_env.effects.length_mismatch import length_mismatch
 from cradle_env.effects.mass_mismatch import mass_mismatch
@@ -22,6 +25,7 @@ from cradle_env.effects.pivot_friction import pivot_friction
 from cradle_env.effects.quadratic_drag import quadratic_drag
 from cradle_env.effects.radial_elasticity import radial_elasticity
 from cradle_env.effects.spacer_offset import spacer_offset
+from cradle_env.effects.string_creep import string_creep
 from cradle_env.effects.string_hysteresis import string_hysteresis
 from cradle_env.effects.velocity_dependent_restitution import velocity_dependent_restitution
 from cradle_env.errors import unknown_key
@@ -33,7 +37,11 @@ CATALOGUE: tuple[Effect, ...] = (
     string_hysteresis,
     quadratic_drag,
     pivot_friction,
+    group_drag,
     added_mass,
+    bob_attraction,
+    frame_compliance,
+    string_creep,
     spacer_offset,
     mass_mismatch,
     length_mismatch,

@@ -18,6 +18,7 @@ from cradle_env.mechanics.parameters import (
     CONTACT_LOSS,
     COORDINATES,
     DIAGONAL,
+    DRAG,
     FORCE,
     LINK,
     N_X,
@@ -214,7 +215,7 @@ def stiffness(cradle):
 @jit
 def blow_speed(cradle, bobs, p, gap, v_n):
     """The speed [m/s] at which pair p would meet to hold the energy that its contact, followed in time, holds."""
-    m = bobs[p].mass * bobs[p + 1].mass / (bobs[p].mass + bobs[p + 1].mass)
+    m = 1.0 / (bobs[p].mobility + bobs[p + 1].mobility)
     return math.sqrt(v_n * v_n + 0.8 * stiffness(cradle) / m * max(-gap, 0.0) ** 2.5)
 
 
@@ -248,6 +249,33 @@ def contact_forces(cradle, bobs, lo, hi, S, W, t, A, c, R, rate):
         for p in range(lo, hi - 1):
             if W[p, ACTIVE] != 0.0:
                 W[p, FORCE] = W[p, SOLUTION]
+
+
+@jit
+def pair_forces(cradle, bobs, t, A, c, R, rate):
+    """Adds to the derivative of all bobs what acts between neighbours at a distance: attraction
+    F exp(-gap / range) along the line of centres, and the drag -b slope exp(-gap / range) v that each has from the
+    other's nearness. A gap counts from 0 on."""
+    for p in range(len(bobs) - 1):
+        gap, nx, nz, _, _ = pair(cradle, bobs, p, t, A, c)
+        gap = max(gap, 0.0)
+        if cradle.attraction != 0.0:
+            force = cradle.attraction * math.exp(-gap / cradle.attraction_range)
+            push_apart(cradle, bobs, p, A, c, R, rate, 2, nx, nz, -force)
+        if cradle.drag_slope != 0.0:
+            weight = cradle.drag_slope * math.exp(-gap / cradle.drag_range)
+            for i in range(p, p + 2):
+                _, _, vx, vz = place(cradle, bobs[i], t, A[i, c], A[i, c + 1], A[i, c + 2], A[i, c + 3])
+                b = weight * bobs[i].b
+                push(cradle, bobs, i, A, c, R, rate, 2, -b * vx, -b * vz)
+                R[i, rate + DRAG] += b * (vx * vx + vz * vz)
+
+
+@jit
+def attraction_energy(cradle, bobs, p, t, x0, z0, x1, z1):
+    """What pair p holds by its attraction [J], at coordinates of the two bobs at time t [s]."""
+    gap = pair_at(cradle, bobs, p, t, x0, z0, 0.0, 0.0, x1, z1, 0.0, 0.0)[0]
+    return -cradle.attraction * cradle.attraction_range * math.exp(-max(gap, 0.0) / cradle.attraction_range)
 
 
 @jit

@@ -3,24 +3,17 @@
 import math
 
 from cradle_env.mechanics.contact import place
-from cradle_env.mechanics.events import DONE, FULL, NOT_FINITE, advance, string_work
-from cradle_env.mechanics.forces import pivot_at
+from cradle_env.mechanics.events import DONE, FULL, NOT_FINITE, advance
 from cradle_env.mechanics.jit import entry, jit
-from cradle_env.mechanics.motion import between, energy_between
+from cradle_env.mechanics.ledger import book, motion_at
+from cradle_env.mechanics.motion import between, pivot_between
 from cradle_env.mechanics.parameters import (
-    BROUGHT,
     COLUMNS,
-    CONTACT_LOSS,
-    DRAG,
-    START,
     SUSTAIN,
     SYNCHRONIZE,
-    T0,
-    T1,
     TENSION,
-    WORK,
 )
-from cradle_env.mechanics.spacer import drive, pivot_per_delta
+from cradle_env.mechanics.spacer import drive, hold
 from cradle_env.mechanics.start import lift
 from cradle_env.mechanics.strings import stretch, tension
 
@@ -127,7 +120,7 @@ def _step(cradle, bobs, table, S, W, angles, episode, ring, action, times, motio
 def let_go(cradle, bobs, S, W, angles, episode, ring, delta, angle):
     """Sets the spacer, lifts and releases."""
     for i in range(len(bobs)):
-        bobs[i].drive, bobs[i].pivot = 0.0, pivot_per_delta(cradle, bobs, i) * (1.0 + delta)
+        hold(cradle, bobs, i, delta)
         for c in range(COLUMNS):
             S[i, c] = 0.0
     episode.angle = lift(cradle, bobs, episode.lifted, angle, episode.hanging != 0, S, W, angles)
@@ -158,7 +151,7 @@ def lead_angle(cradle, bobs, S, i, t):
     """Angle [rad] of bob i at time t [s]."""
     x, z, _, _ = between(S, i, t)
     if cradle.elastic:
-        return math.atan2(x - pivot_at(bobs[i], t), -z)
+        return math.atan2(x - pivot_between(cradle, bobs[i], S, t)[0], -z)
     return x
 
 
@@ -220,35 +213,16 @@ def energies(cradle, bobs, S, episode, t, report):
     """Writes the energies at t [s] to report[7:13]: kinetic, gravity, strings, drag, collisions, spacer."""
     kinetic, gravity, strings, drag, collisions, spacer = 0.0, 0.0, 0.0, 0.0, episode.collisions, 0.0
     for i in range(len(bobs)):
-        bob = bobs[i]
-        x, z, vx, vz = motion_at(S, i, t)
-        if cradle.elastic:
-            height = z
-            x -= pivot_at(bob, t)
-            strings += S[i, WORK] + string_work(cradle, bob, S, i, math.sqrt(x * x + z * z))
-        else:
-            along, height = bob.length * vx, (0.5 * x * x - 1.0) * bob.length
-            vx, vz = along + bob.drive, 0.0
-            if cradle.large_angle:
-                sin, cos = math.sin(x), math.cos(x)
-                height, vx, vz = -bob.length * cos, along * cos + bob.drive, along * sin
-        kinetic += 0.5 * bob.mass * (vx * vx + vz * vz)
-        gravity += bob.mass * cradle.gravity * height
-        if S[i, T1] > S[i, T0]:
-            drag += energy_between(S, i, DRAG, t)
-            collisions += energy_between(S, i, CONTACT_LOSS, t)
-            spacer += energy_between(S, i, BROUGHT, t)
+        held = book(cradle, bobs, S, i, t)
+        kinetic += held[0]
+        gravity += held[1]
+        drag += held[2]
+        collisions += held[3]
+        strings += held[4]
+        spacer += held[6]
     report[7], report[8], report[9], report[10], report[11], report[12] = (
         kinetic, gravity, strings, drag, collisions, spacer,
     )  # fmt: skip
-
-
-@jit
-def motion_at(S, i, t):
-    """Coordinates and velocities of bob i at time t [s]: on its segment, or held before the release."""
-    if S[i, T1] > S[i, T0]:
-        return between(S, i, t)
-    return S[i, START], S[i, START + 1], S[i, START + 2], S[i, START + 3]
 
 
 @jit
@@ -260,8 +234,9 @@ def observe(cradle, bobs, S, episode, out):
         x, z, vx, vz = motion_at(S, i, t)
         r, theta, r_dot, theta_dot = bobs[i].length, x, 0.0, vx
         if cradle.elastic:
-            x -= pivot_at(bobs[i], t)
-            vx -= bobs[i].drive
+            pivot, drive = pivot_between(cradle, bobs[i], S, t)
+            x -= pivot
+            vx -= drive
             r, theta = math.sqrt(x * x + z * z), math.atan2(x, -z)
             r_dot, theta_dot = (x * vx + z * vz) / r, (x * vz - z * vx) / (r * r)
         out[i] = min(r, episode.largest[0])
@@ -279,7 +254,7 @@ def begin(cradles, bobs, S, W, angles, episodes, observations, report, k):
     """
     delta = episodes[k].delta
     for i in range(bobs.shape[1]):
-        bobs[k, i].drive, bobs[k, i].pivot = 0.0, pivot_per_delta(cradles[k], bobs[k], i) * (1.0 + delta)
+        hold(cradles[k], bobs[k], i, delta)
         for c in range(COLUMNS):
             S[k, i, c] = 0.0
     angle = meaning(episodes[k].angle_range, 0.0)
@@ -302,7 +277,7 @@ def drawing(cradles, bobs, S, episodes, k, out):
         x, z, vx, vz = motion_at(S[k], i, t)
         out[i, 2] = 1.0
         if cradles[k].elastic:
-            r2 = (x - pivot_at(bob, t)) ** 2 + z * z
+            r2 = (x - pivot_between(cradles[k], bob, S[k], t)[0]) ** 2 + z * z
             t0, t1, t2 = S[k, i, TENSION], S[k, i, TENSION + 1], S[k, i, TENSION + 2]
             pull = tension(t0, t1, t2, stretch(bob, r2))
             out[i, 2] = pull * bob.grip / (bob.mass * cradles[k].gravity)

@@ -10,16 +10,15 @@ import numpy as np
 
 from cradle_env.mechanics.contact import pair
 from cradle_env.mechanics.flight import plan
-from cradle_env.mechanics.forces import pivot_at, radius_and_speed
+from cradle_env.mechanics.forces import radius_and_speed
 from cradle_env.mechanics.impact import chain, settle, settle_resolved, two_body
 from cradle_env.mechanics.jit import entry, jit, part
+from cradle_env.mechanics.ledger import book, string_work
 from cradle_env.mechanics.meeting import last_moment, linger, predict, step_to, touching
-from cradle_env.mechanics.motion import between, derivative, energy_between
+from cradle_env.mechanics.motion import between, derivative, free_derivative, pivot_between
 from cradle_env.mechanics.parameters import (
     BRANCH,
-    CONTACT_LOSS,
     DIM,
-    DRAG,
     DUE,
     END,
     FIRST,
@@ -44,14 +43,13 @@ from cradle_env.mechanics.parameters import (
     T0,
     T1,
     TAUT,
-    TENSION,
     TURN,
     TURNS,
     UNLOADING,
     WHOSE,
     WORK,
 )
-from cradle_env.mechanics.strings import stretch, turn, work_between
+from cradle_env.mechanics.strings import slacken, stretch, turn
 
 # What a run can end with.
 DONE, FULL, STALLED, NOT_FINITE = 0, 1, 2, 3
@@ -64,8 +62,8 @@ _FIRST = np.int64(0)
 def run(cradle, bobs, table, S, W, until, times, motion, energy, impacts, count):
     """Advances the state S past `until` [s] and samples it; W is scratch.
 
-    times (T,) s, ascending; motion (T, N, 4): theta, r, their rates; energy (T, N, 4) J: taken by drag, taken by
-    the contact with the next bob while followed in time, given to the strings, of that lost (or of length 0);
+    times (T,) s, ascending; motion (T, N, 4): theta, r, their rates; energy (T, N, 7) J: see `ledger.book`
+    (or of length 0);
     impacts (M, 4): time, pair from 0, approach speed, energy taken; the first `count` rows are in use.
     Returns (DONE | FULL | STALLED | NOT_FINITE, rows in use); after FULL the same call goes on.
     """
@@ -106,10 +104,8 @@ def advance(cradle, bobs, table, S, W, until, times, motion, energy, impacts, co
 def begin(cradle, bobs, S, W):
     """Lays the first segments from START at T0 and finds which contacts persist. Returns whether all is finite."""
     n = len(bobs)
-    for i in range(n):
-        S[i, FIRST], S[i, LAST] = i, i + 1
-        derivative(cradle, bobs, S, W, i, i + 1, S[i, T0], S, START, S, RATE0)
     first = _FIRST
+    free_derivative(cradle, bobs, S, W, first, n, S[0, T0], S, START, S, RATE0)
     settle(cradle, bobs, S, W, first, n)
     regroup(cradle, bobs, S, W, first, n)
     return fly_on(cradle, bobs, S, W, first, n)
@@ -145,7 +141,7 @@ def finish(cradle, bobs, S, W, bob, times, motion, energy):
     """Ends the segment of a bob's group where it was planned to end. Returns the range of bobs to fly on."""
     lo, hi = int(S[bob, FIRST]), int(S[bob, LAST])
     cause, whose = S[lo, DUE], int(S[lo, WHOSE])
-    for i in range(lo, hi):
+    for i in range(hi - 1, lo - 1, -1):  # row 0 last: the others look up the frame there
         arrive(cradle, bobs, S, i, S[i, T1], S, END, times, motion, energy)
         for c in range(DIM):
             S[i, RATE0 + c] = S[i, RATE1 + c]
@@ -170,6 +166,9 @@ def arrive(cradle, bobs, S, i, t, A, c, times, motion, energy):
     for k in range(DIM):
         S[i, START + k] = A[i, c + k]
     S[i, T0] = t
+    if bobs[i].creep != 0.0:
+        # For a segment as long as usual the slack is that of its middle.
+        slacken(bobs[i], t + 0.5 * cradle.step)
 
 
 @jit
@@ -195,33 +194,24 @@ def turn_after_impact(cradle, bobs, S, lo, hi):
 
 
 @jit
-def string_work(cradle, bob, S, i, r):
-    """Energy [J] that bob i's strings take from the start of its segment to radius r [m]."""
-    r0 = radius_and_speed(cradle, bob, S[i, T0], S, i, START)[0]
-    return work_between(bob, S[i, TENSION], S[i, TENSION + 1], S[i, TENSION + 2], r0, r)
-
-
-@jit
 def sample(cradle, bobs, S, i, until, inclusive, times, motion, energy):
     """Takes the samples of bob i due before `until` [s] from its current segment."""
     k = int(S[i, SAMPLED])
     while k < len(times) and (times[k] < until or (inclusive and times[k] == until)):
         x, z, vx, vz = between(S, i, times[k])
-        strings = 0.0
         if cradle.elastic:
-            x -= pivot_at(bobs[i], times[k])
-            vx -= bobs[i].drive
+            pivot, drive = pivot_between(cradle, bobs[i], S, times[k])
+            x -= pivot
+            vx -= drive
             r = math.sqrt(x * x + z * z)
             motion[k, i, 0], motion[k, i, 1] = math.atan2(x, -z), r
             motion[k, i, 2], motion[k, i, 3] = (x * vz - z * vx) / (r * r), (x * vx + z * vz) / r
-            if len(energy) > 0:
-                strings = S[i, WORK] + string_work(cradle, bobs[i], S, i, r)
         else:
             motion[k, i, 0], motion[k, i, 1], motion[k, i, 2], motion[k, i, 3] = x, bobs[i].length, vx, 0.0
         if len(energy) > 0:
-            energy[k, i, 0] = energy_between(S, i, DRAG, times[k])
-            energy[k, i, 1] = energy_between(S, i, CONTACT_LOSS, times[k])
-            energy[k, i, 2], energy[k, i, 3] = strings, S[i, LOST]
+            held = book(cradle, bobs, S, i, times[k])
+            for e in range(7):
+                energy[k, i, e] = held[e]
         k += 1
     S[i, SAMPLED] = k
 
@@ -229,9 +219,11 @@ def sample(cradle, bobs, S, i, until, inclusive, times, motion, energy):
 @jit
 def regroup(cradle, bobs, S, W, lo, hi):
     """Sets the groups of the bobs lo..hi-1, which are at one instant, by their contacts; and their derivatives."""
+    if cradle.coupled:
+        lo, hi = _FIRST, len(bobs)
     first = lo
     for i in range(lo, hi):
-        if i == hi - 1 or S[i, LINK] == OPEN:
+        if i == hi - 1 or (S[i, LINK] == OPEN and not cradle.coupled):
             for j in range(first, i + 1):
                 S[j, FIRST], S[j, LAST] = first, i + 1
             derivative(cradle, bobs, S, W, first, i + 1, S[first, T0], S, START, S, RATE0)
@@ -259,7 +251,7 @@ def meet(cradle, bobs, table, S, W, p, times, motion, energy, impacts, count):
         linger(cradle, bobs, S, W, i, int(S[i, LAST]), t, dt)
         i = int(S[i, LAST])
     t += dt
-    for i in range(lo, hi):
+    for i in range(hi - 1, lo - 1, -1):
         arrive(cradle, bobs, S, i, t, W, OUT, times, motion, energy)
 
     for q in range(a, b - 1):

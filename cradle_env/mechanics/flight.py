@@ -12,6 +12,7 @@ from cradle_env.mechanics.parameters import (
     DUE,
     END,
     FORCE,
+    FRAME,
     GRID,
     LINK,
     LOADING,
@@ -96,7 +97,7 @@ def contact_step(cradle, bobs, S, lo, hi, h):
             gap, _, _, v_n, _ = pair(cradle, bobs, p, S[p, T0], S, START)
             v = blow_speed(cradle, bobs, p, gap, v_n)
             if v > 0.0:
-                m = bobs[p].mass * bobs[p + 1].mass / (bobs[p].mass + bobs[p + 1].mass)
+                m = 1.0 / (bobs[p].mobility + bobs[p + 1].mobility)
                 h = min(h, _CONTACT_STEP * (m / stiffness(cradle)) ** 0.4 * v**-0.2)
     return h
 
@@ -135,10 +136,11 @@ def string_event(cradle, bob, S, i, h):
 
 @leaf
 def half_square(bob, t, S, i, c, rate):
-    """(r^2 - r0^2) / 2 of bob i at time t [s] and its two derivatives by time."""
-    x, z, vx, vz = S[i, c] - pivot_at(bob, t), S[i, c + 1], S[i, c + 2] - bob.drive, S[i, c + 3]
-    bend = vx * vx + vz * vz + x * S[i, rate + 2] + z * S[i, rate + 3]
-    return 0.5 * (x * x + z * z - bob.length * bob.length), x * vx + z * vz, bend
+    """(r^2 - r0^2) / 2, r0 that of slack, of bob i at time t [s] and its two derivatives by time."""
+    x, z = S[i, c] - pivot_at(bob, t) - S[0, c + FRAME], S[i, c + 1]
+    vx, vz = S[i, c + 2] - bob.drive - S[0, c + FRAME + 1], S[i, c + 3]
+    bend = vx * vx + vz * vz + x * (S[i, rate + 2] - S[0, rate + FRAME + 1]) + z * S[i, rate + 3]
+    return 0.5 * (x * x + z * z - bob.slack * bob.slack), x * vx + z * vz, bend
 
 
 @leaf

@@ -11,6 +11,7 @@ from numba import types
 from numba.extending import intrinsic
 
 from cradle_env.mechanics.jit import jit, leaf
+from cradle_env.mechanics.parameters import FRAME
 from cradle_env.mechanics.strings import stretch, tension
 
 # Angular speed [rad/s] over which pivot friction changes sign: 1e-2 of the swing's, and far from a jump.
@@ -67,10 +68,10 @@ def user_force(cradle, bob, t, r, theta, v_r, v_t):
 
 
 @jit
-def added_forces(cradle, bob, t, r, theta, v_r, v_t, cos):
+def added_forces(cradle, bob, t, drive, r, theta, v_r, v_t, cos):
     """(radial, tangential) force [N] of all effects over strings, gravity and linear drag.
 
-    v_r, v_t [m/s]: velocity in the room; cos: of theta.
+    drive [m/s]: velocity of the pivot; v_r, v_t [m/s]: velocity in the room; cos: of theta.
     """
     f_r, f_t = 0.0, 0.0
     if bob.c2 != 0.0:
@@ -78,7 +79,7 @@ def added_forces(cradle, bob, t, r, theta, v_r, v_t, cos):
         f_r += quadratic_drag(bob.c2, speed, v_r)
         f_t += quadratic_drag(bob.c2, speed, v_t)
     if bob.tau_c != 0.0:
-        f_t += pivot_friction(bob.tau_c, (v_t - bob.drive * cos) / r) / r
+        f_t += pivot_friction(bob.tau_c, (v_t - drive * cos) / r) / r
     if cradle.user_force != 0:
         u_r, u_t = user_force(cradle, bob, t, r, theta, v_r, v_t)
         f_r += u_r
@@ -99,62 +100,64 @@ def pivot_at(bob, t):
 
 
 @leaf
-def rates(cradle, bob, t0, t1, t2, t, x, z, vx, vz):
-    """(second derivatives of the two coordinates, power taken by drag, power brought in by the pivot [W]) of one bob
-    at time t [s], its strings' tension having the coefficients t0, t1, t2.
+def rates(cradle, bob, t0, t1, t2, t, pivot, drive, x, z, vx, vz):
+    """(second derivatives of the two coordinates, power taken by drag [W], horizontal force of the strings on the
+    pivot [N]) of one bob at time t [s], its strings' tension having the coefficients t0, t1, t2.
 
-    Contacts apart. Coordinates as in `parameters.DIM`. Elastic strings: eqs. 5 and 6 in Cartesian coordinates.
+    Contacts apart. pivot, drive: place [m] and velocity [m/s] of the pivot. Coordinates as in `parameters.DIM`.
+    Elastic strings: eqs. 5 and 6 in Cartesian coordinates.
     Rigid ones: eq. 6 at r = r0, or eq. 3. Drag acts on the velocity in the room.
     """
     if not cradle.elastic:
-        return rates_on_rigid_strings(cradle, bob, t, x, vx)
-    from_pivot = x - pivot_at(bob, t)
+        return rates_on_rigid_strings(cradle, bob, t, drive, x, vx)
+    from_pivot = x - pivot
     r2 = from_pivot * from_pivot + z * z
     pull = bob.grip * bob.mobility / math.sqrt(r2) * tension(t0, t1, t2, stretch(bob, r2))
     drag = bob.b * bob.mobility
-    ax, az = -pull * from_pivot - drag * vx, -pull * z - drag * vz - cradle.gravity
-    power, brought = bob.b * (vx * vx + vz * vz), -bob.drive * bob.mass * pull * from_pivot
+    ax, az = -pull * from_pivot - drag * vx, -pull * z - drag * vz - bob.fall
+    power, hold = bob.b * (vx * vx + vz * vz), pull * from_pivot / bob.mobility
     if has_added_forces(cradle, bob):
-        more_x, more_z, more = added_on_elastic_strings(cradle, bob, t, from_pivot, z, vx, vz)
-        return ax + more_x, az + more_z, power + more, brought
-    return ax, az, power, brought
+        more_x, more_z, more = added_on_elastic_strings(cradle, bob, t, drive, from_pivot, z, vx, vz)
+        return ax + more_x, az + more_z, power + more, hold
+    return ax, az, power, hold
 
 
 @jit
-def added_on_elastic_strings(cradle, bob, t, x, z, vx, vz):
+def added_on_elastic_strings(cradle, bob, t, drive, x, z, vx, vz):
     """Acceleration (x, z) by `added_forces`, and the power [W] that they take; x from the pivot."""
     r = math.sqrt(x * x + z * z)
     sin, cos = x / r, -z / r
     v_r, v_t = vx * sin - vz * cos, vx * cos + vz * sin
-    f_r, f_t = added_forces(cradle, bob, t, r, math.atan2(x, -z), v_r, v_t, cos)
-    return (f_r * sin + f_t * cos) / bob.mass, (f_t * sin - f_r * cos) / bob.mass, -f_r * v_r - f_t * v_t
+    f_r, f_t = added_forces(cradle, bob, t, drive, r, math.atan2(x, -z), v_r, v_t, cos)
+    power = -f_r * v_r - f_t * v_t
+    return (f_r * sin + f_t * cos) * bob.mobility, (f_t * sin - f_r * cos) * bob.mobility, power
 
 
 @jit
-def rates_on_rigid_strings(cradle, bob, t, x, vx):
+def rates_on_rigid_strings(cradle, bob, t, drive, x, vx):
     """`rates`, for the angle x [rad]."""
     sin, cos = x, 1.0
-    v_r, v_t = 0.0, bob.length * vx + bob.drive
+    v_r, v_t = 0.0, bob.length * vx + drive
     if cradle.large_angle:
         sin, cos = math.sin(x), math.cos(x)
-        v_r, v_t = bob.drive * sin, bob.length * vx + bob.drive * cos
+        v_r, v_t = drive * sin, bob.length * vx + drive * cos
     f_r, f_t = -bob.b * v_r, -bob.b * v_t
     if has_added_forces(cradle, bob):
-        more_r, more_t = added_forces(cradle, bob, t, bob.length, x, v_r, v_t, cos)
+        more_r, more_t = added_forces(cradle, bob, t, drive, bob.length, x, v_r, v_t, cos)
         f_r += more_r
         f_t += more_t
     pull = bob.mass * cradle.gravity  # of the string, per sin
     if cradle.large_angle:
-        pull = bob.mass * (bob.length * vx * vx + cradle.gravity * cos) + f_r
-    acceleration = (f_t / bob.mass - cradle.gravity * sin) / bob.length
-    return acceleration, 0.0, -f_r * v_r - f_t * v_t, -bob.drive * pull * sin
+        pull = bob.length * vx * vx / bob.mobility + bob.mass * cradle.gravity * cos + f_r
+    acceleration = (f_t * bob.mobility - bob.fall * sin) / bob.length
+    return acceleration, 0.0, -f_r * v_r - f_t * v_t, pull * sin
 
 
 @jit
 def radius_and_speed(cradle, bob, t, A, i, c):
     """(r, dr/dt) of bob i whose motion at time t [s] stands in A from column c on."""
     if cradle.elastic:
-        x, z = A[i, c] - pivot_at(bob, t), A[i, c + 1]
+        x, z = A[i, c] - pivot_at(bob, t) - A[0, c + FRAME], A[i, c + 1]
         r = math.sqrt(x * x + z * z)
-        return r, (x * (A[i, c + 2] - bob.drive) + z * A[i, c + 3]) / r
+        return r, (x * (A[i, c + 2] - bob.drive - A[0, c + FRAME + 1]) + z * A[i, c + 3]) / r
     return bob.length, 0.0

@@ -19,7 +19,7 @@ from cradle_env.mechanics.contact import (
     yielding,
 )
 from cradle_env.mechanics.jit import jit
-from cradle_env.mechanics.motion import derivative
+from cradle_env.mechanics.motion import free_derivative
 from cradle_env.mechanics.parameters import (
     ACTIVE,
     CANDIDATE,
@@ -37,6 +37,7 @@ from cradle_env.mechanics.parameters import (
     SOLUTION,
     START,
     T0,
+    TRIAL,
     VELOCITIES,
     WANTED,
 )
@@ -240,15 +241,19 @@ def settle_resolved(cradle, bobs, S, W, lo, hi):
 
     START must stand at the end of a step. Returns whether anything changed; RATE0 is then without contact forces.
     """
+    resolved = False
     for p in range(lo, hi - 1):
+        W[p, TRIAL] = S[p, LINK]
         if S[p, LINK] == RESOLVED:
+            resolved = True
             gap, _, _, v_n, _ = pair(cradle, bobs, p, S[p, T0], S, START)
             if blow_speed(cradle, bobs, p, gap, v_n) ** 2 > 2.0 * LEAST_BOUNCE * _LEAST_PRESS:
                 return False
-    for i in range(lo, hi):
-        derivative(cradle, bobs, S, W, i, i + 1, S[i, T0], S, START, S, RATE0)
+    if not resolved:
+        return False
+    free_derivative(cradle, bobs, S, W, lo, hi, S[lo, T0], S, START, S, RATE0)
     settle(cradle, bobs, S, W, lo, hi)
     for p in range(lo, hi - 1):
-        if S[p, LINK] == OPEN:
+        if S[p, LINK] == OPEN and W[p, TRIAL] != OPEN:
             S[p, LINK] = RESOLVED
     return True

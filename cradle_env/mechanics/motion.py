@@ -8,8 +8,8 @@ import numpy as np
 from numba import int64
 from scipy.integrate import DOP853
 
-from cradle_env.mechanics.contact import contact_forces
-from cradle_env.mechanics.forces import rates
+from cradle_env.mechanics.contact import contact_forces, pair_forces
+from cradle_env.mechanics.forces import pivot_at, rates
 from cradle_env.mechanics.jit import jit
 from cradle_env.mechanics.parameters import (
     BROUGHT,
@@ -17,6 +17,7 @@ from cradle_env.mechanics.parameters import (
     DIM,
     DRAG,
     END,
+    FRAME,
     OUT,
     RATE0,
     RATE1,
@@ -43,22 +44,36 @@ def derivative(cradle, bobs, S, W, lo, hi, t, A, c, R, rate):
 
     Their motion stands in A from column c on; the derivative goes to R from column `rate` on.
     """
-    for i in range(lo, hi):
-        ax, az, power, brought = rates(
-            cradle, bobs[i], S[i, TENSION], S[i, TENSION + 1], S[i, TENSION + 2], t,
-            A[i, c], A[i, c + 1], A[i, c + 2], A[i, c + 3],
-        )  # fmt: skip
-        R[i, rate], R[i, rate + 1] = A[i, c + 2], A[i, c + 3]
-        R[i, rate + 2], R[i, rate + 3] = ax, az
-        R[i, rate + DRAG], R[i, rate + CONTACT_LOSS], R[i, rate + BROUGHT] = power, 0.0, brought
+    free_derivative(cradle, bobs, S, W, lo, hi, t, A, c, R, rate)
     if hi - lo > 1:
         contact_forces(cradle, bobs, lo, hi, S, W, t, A, c, R, rate)
 
 
 @jit
+def free_derivative(cradle, bobs, S, W, lo, hi, t, A, c, R, rate):
+    """`derivative` without the contact forces."""
+    frame_x, frame_v, pull = A[0, c + FRAME], A[0, c + FRAME + 1], 0.0
+    for i in range(lo, hi):
+        drive = bobs[i].drive + frame_v
+        ax, az, power, hold = rates(
+            cradle, bobs[i], S[i, TENSION], S[i, TENSION + 1], S[i, TENSION + 2], t,
+            pivot_at(bobs[i], t) + frame_x, drive, A[i, c], A[i, c + 1], A[i, c + 2], A[i, c + 3],
+        )  # fmt: skip
+        pull += hold
+        R[i, rate], R[i, rate + 1] = A[i, c + 2], A[i, c + 3]
+        R[i, rate + 2], R[i, rate + 3] = ax, az
+        R[i, rate + DRAG], R[i, rate + CONTACT_LOSS], R[i, rate + BROUGHT] = power, 0.0, -drive * hold
+    if cradle.coupled:
+        pair_forces(cradle, bobs, t, A, c, R, rate)
+        if cradle.frame_mass > 0.0:
+            force = pull - cradle.frame_stiffness * frame_x - cradle.frame_damping * frame_v
+            R[0, rate + FRAME], R[0, rate + FRAME + 1] = frame_v, force / cradle.frame_mass
+
+
+@jit
 def step(cradle, bobs, S, W, lo, hi, h):
     """Advances the group of bobs lo..hi-1 by h [s] from the start of its segment, into W[:, OUT]."""
-    if hi - lo == 1:
+    if hi - lo == 1 and not cradle.coupled:
         _step_one(cradle, bobs, S, W, lo, h)
     else:
         _step_group(cradle, bobs, S, W, lo, hi, h)
@@ -81,6 +96,12 @@ def _step_group(cradle, bobs, S, W, lo, hi, h):
                 vz += weight * W[i, stage + 3]
             W[i, TRIAL], W[i, TRIAL + 1] = S[i, START] + h * x, S[i, START + 1] + h * z
             W[i, TRIAL + 2], W[i, TRIAL + 3] = S[i, START + 2] + h * vx, S[i, START + 3] + h * vz
+        if cradle.frame_mass > 0.0:
+            for column in (FRAME, FRAME + 1):
+                total = 0.0
+                for k in range(_ROW[s], _ROW[s + 1]):
+                    total += _WEIGHT[k] * W[0, _STAGE[k] + column]
+                W[0, TRIAL + column] = S[0, START + column] + h * total
         derivative(cradle, bobs, S, W, lo, hi, S[lo, T0] + _C[s] * h, W, TRIAL, W, STAGES + DIM * s)
     for i in range(lo, hi):
         for c in range(DIM):
@@ -100,6 +121,7 @@ def _source_of_step_one():
     lines = [
         "def step_one(cradle, bobs, S, W, i, h):",
         "bob, t = bobs[i], S[i, T0]",
+        "drive = bob.drive",
         "t0, t1, t2 = S[i, TENSION], S[i, TENSION + 1], S[i, TENSION + 2]",
         "y0, y1, y2, y3 = S[i, START], S[i, START + 1], S[i, START + 2], S[i, START + 3]",
         "v0_0, v1_0, a0_0, a1_0 = S[i, RATE0], S[i, RATE0 + 1], S[i, RATE0 + 2], S[i, RATE0 + 3]",
@@ -108,8 +130,10 @@ def _source_of_step_one():
     for s in range(1, _STAGES):
         for y, target, rate in (("y0", "x", "v0"), ("y1", "z", "v1"), ("y2", f"v0_{s}", "a0"), ("y3", f"v1_{s}", "a1")):
             lines.append(f"{target} = {y} + h * ({_weighed(_A[s], lambda j, rate=rate: f'{rate}_{j}')})")
-        motion = f"t + {float(_C[s])!r} * h, x, z, v0_{s}, v1_{s}"
+        motion = f"t, pivot_at(bob, t), drive, x, z, v0_{s}, v1_{s}"
+        lines.append(f"t = S[i, T0] + {float(_C[s])!r} * h")
         lines.append(f"a0_{s}, a1_{s}, p_{s}, q_{s} = rates(cradle, bob, t0, t1, t2, {motion})")
+        lines.append(f"q_{s} = -drive * q_{s}")
     for c, rate in ((0, "v0"), (1, "v1"), (2, "a0"), (3, "a1"), (int(DRAG), "p"), (int(BROUGHT), "q")):
         lines.append(f"W[i, OUT + {c}] = S[i, START + {c}] + h * ({_weighed(_B, lambda j, rate=rate: f'{rate}_{j}')})")
     lines.append("W[i, OUT + CONTACT_LOSS] = S[i, START + CONTACT_LOSS]")
@@ -145,8 +169,17 @@ def between(S, i, t):
 
 
 @jit
-def energy_between(S, i, e, t):
-    """Energy e (DRAG, CONTACT_LOSS, BROUGHT) [J] of bob i at time t [s] of its segment: cubic Hermite."""
+def pivot_between(cradle, bob, S, t):
+    """(x [m], dx/dt [m/s]) of a bob's pivot at time t [s], on the frame if that moves."""
+    if cradle.frame_mass == 0.0 or S[0, T1] == S[0, T0]:
+        return pivot_at(bob, t), bob.drive
+    return pivot_at(bob, t) + cubic_between(S, 0, FRAME, t), bob.drive + cubic_between(S, 0, FRAME + 1, t)
+
+
+@jit
+def cubic_between(S, i, e, t):
+    """What stands in column e (DRAG, CONTACT_LOSS, BROUGHT, FRAME) of bob i's block at time t [s] of its segment:
+    cubic Hermite."""
     h = S[i, T1] - S[i, T0]
     u = (t - S[i, T0]) / h
     v = 1.0 - u

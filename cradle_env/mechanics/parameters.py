@@ -42,6 +42,14 @@ CRADLE = np.dtype(
         ("restitution", "f8"),  # constant e
         ("contact_scale", "f8"),  # contact_duration
         ("step", "f8"),  # of the integration grid, s
+        ("coupled", "i8"),  # 1: bobs act on each other at a distance, and move as one group
+        ("attraction", "f8"),  # bob_attraction: force at touch, N, and its range, m
+        ("attraction_range", "f8"),
+        ("drag_slope", "f8"),  # group_drag: growth of b per neighbour at touch, and its range, m
+        ("drag_range", "f8"),
+        ("frame_mass", "f8"),  # frame_compliance, kg; 0: a rigid frame
+        ("frame_stiffness", "f8"),  # N/m
+        ("frame_damping", "f8"),  # kg/s
         ("user_force", "i8"),  # address of a compiled force from outside the package, 0: none
     ]
 )
@@ -49,12 +57,17 @@ CRADLE = np.dtype(
 BOB = np.dtype(
     [
         ("mass", "f8"),  # kg
-        ("mobility", "f8"),  # 1/mass
+        ("added_mass", "f8"),  # inertia without weight, kg
+        ("mobility", "f8"),  # 1 / (mass + added_mass)
+        ("fall", "f8"),  # acceleration of free fall, m/s^2
         ("pivot", "f8"),  # its x at t = 0, had it always moved as it does now, m
+        ("misplaced", "f8"),  # what of it the spacer does not set, m
         ("drive", "f8"),  # its velocity along x, m/s
         ("length", "f8"),  # r0, m
         ("half_spacing", "f8"),  # a, m
-        ("string", "f8"),  # sqrt(r0^2 + a^2), m
+        ("slack", "f8"),  # radius at which the strings are just straight: r0, and what they have crept, m
+        ("string", "f8"),  # sqrt(slack^2 + a^2), m
+        ("creep", "f8"),  # string_creep, m
         ("grip", "f8"),  # radial force of the four strings per tension of one, 4 r0 / string (eq. 5)
         ("kappa", "f8"),  # loading stiffness of one string, N/m
         ("b", "f8"),  # linear drag, kg/s
@@ -108,24 +121,24 @@ EPISODE = np.dtype(
 )
 
 #: Width of a block: two coordinates, two velocities, the energy [J] that drag and the contact with the next bob
-#: have taken, and that which the pivot's motion has brought in. Elastic strings: (x, z) in the room, z upwards from
-#: the pivots. Rigid strings: (theta, 0).
-DIM = 7
-#: Where in a block the coordinates, the velocities and these three energies stand.
-COORDINATES, VELOCITIES, DRAG, CONTACT_LOSS, BROUGHT = map(_INT, (0, 2, 4, 5, 6))
+#: have taken, that which the pivot's motion has brought in; in row 0 also x and dx/dt of the frame. Elastic strings:
+#: (x, z) in the room, z upwards from the pivots. Rigid strings: (theta, 0).
+DIM = 9
+#: Where in a block the coordinates, the velocities, these three energies and the frame stand.
+COORDINATES, VELOCITIES, DRAG, CONTACT_LOSS, BROUGHT, FRAME = map(_INT, (0, 2, 4, 5, 6, 7))
 
 # Columns of the state S. Each group of bobs that move together flies on its own segment, from T0 to T1.
 T0, T1 = map(_INT, (0, 1))  # s
 START, END = map(_INT, (2, 2 + DIM))  # motion at the start and the end of the segment
 RATE0, RATE1 = map(_INT, (2 + 2 * DIM, 2 + 3 * DIM))  # its derivative there
-BRANCH, TENSION = 30, 31  # of the strings; their tension [N] as the coefficients of 1, s, s^2, stretch s [m]
-WORK, LOST = 34, 35  # energy given to the strings [J]; what of it they had lost at the last slack
-FIRST, LAST = 36, 37  # the group: its first bob, and one past its last
-DUE, WHOSE = 38, 39  # what ends the segment, and for which bob or pair
-LINK, MEETING = 40, 41  # of pair i, i + 1: its state; the instant at which it will touch [s], inf: not foreseen
-SAMPLED = 42  # samples already taken
-STEPS, TURNS, IMPACTS, MULTI_BODY, SETTLED = 43, 44, 45, 46, 47  # how often what happened to this bob or pair
-COLUMNS = 48
+BRANCH, TENSION = 38, 39  # of the strings; their tension [N] as the coefficients of 1, s, s^2, stretch s [m]
+WORK, LOST = 42, 43  # energy given to the strings [J]; what of it they had lost at the last slack
+FIRST, LAST = 44, 45  # the group: its first bob, and one past its last
+DUE, WHOSE = 46, 47  # what ends the segment, and for which bob or pair
+LINK, MEETING = 48, 49  # of pair i, i + 1: its state; the instant at which it will touch [s], inf: not foreseen
+SAMPLED = 50  # samples already taken
+STEPS, TURNS, IMPACTS, MULTI_BODY, SETTLED = 51, 52, 53, 54, 55  # how often what happened to this bob or pair
+COLUMNS = 56
 
 # Columns of the scratch W (N, SCRATCH).
 TRIAL, OUT = map(_INT, (0, DIM))  # a stage's motion; where a step arrives

@@ -25,6 +25,13 @@ def pivot_per_delta(cradle, bobs, i):
 
 
 @jit
+def hold(cradle, bobs, i, delta):
+    """Puts the pivot of bob i where a spacer at rest at delta holds it."""
+    bobs[i].drive = 0.0
+    bobs[i].pivot = pivot_per_delta(cradle, bobs, i) * (1.0 + delta) + bobs[i].misplaced
+
+
+@jit
 def drive(cradle, bobs, S, W, t, rate, times, motion, energy):
     """From t [s] on, d(delta)/dt = rate [1/s] for every gap. No event before t may be pending.
 
@@ -38,7 +45,7 @@ def drive(cradle, bobs, S, W, t, rate, times, motion, energy):
             finish(cradle, bobs, S, W, i, times, motion, energy)
         else:
             step_to(cradle, bobs, S, W, i, t)
-            for j in range(lo, hi):
+            for j in range(hi - 1, lo - 1, -1):
                 arrive(cradle, bobs, S, j, t, W, OUT, times, motion, energy)
         i = hi
     for i in range(n):
@@ -63,7 +70,7 @@ def jerk(cradle, bob, S, i, before, after):
     if cradle.large_angle:
         sin, cos = math.sin(S[i, START]), math.cos(S[i, START])
         S[i, START + 2] -= (after - before) * cos / bob.length
-        S[i, START + BROUGHT] += 0.5 * bob.mass * sin * sin * (after * after - before * before)
+        S[i, START + BROUGHT] += 0.5 / bob.mobility * sin * sin * (after * after - before * before)
     else:
         S[i, START + 2] -= (after - before) / bob.length
 

@@ -18,6 +18,14 @@ def stretch(bob, r2):
     return math.sqrt(r2 + bob.half_spacing * bob.half_spacing) - bob.string
 
 
+@jit
+def slacken(bob, t):
+    """Lengthens the strings of a bob to what they have crept by t [s] after the release."""
+    a2 = bob.half_spacing * bob.half_spacing
+    bob.string = math.sqrt(bob.length * bob.length + a2) + bob.creep * math.log1p(t)
+    bob.slack = math.sqrt(bob.string * bob.string - a2)
+
+
 @leaf
 def tension(t0, t1, t2, s):
     """T [N] at stretch s [m] on a branch with the coefficients t0, t1, t2."""

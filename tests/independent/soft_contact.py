@@ -23,7 +23,7 @@ Dormand-Prince 5(4) steps between them see smooth forces. SI units, radians; bob
 
 Effects by name, with their keys; those with a value may be left out:
 
-    group_drag         slope, range = 0.005     b + slope sum over neighbours of exp(-gap/range), 1 in touch
+    group_drag         slope, range = 0.005     b (1 + slope sum over neighbours of exp(-gap/range)), 1 in touch
     added_mass         mass                     inertia m + mass, weight m g
     frame_compliance   frame_mass, frequency, damping_ratio    M, K = M w^2, C = 2 damping_ratio M w, w = 2 pi f
     spacer_offset      offset                   one per gap, added to delta

@@ -182,7 +182,7 @@ def other_forces(t: float, y: Array, laws: Laws, c: Constants, at: Array) -> Non
             at[FY, i] += force * ny
             at[NEAR, i] += nearness
     for i in range(n):
-        drag = c.b + c.drag_slope * at[NEAR, i]
+        drag = c.b * (1.0 + c.drag_slope * at[NEAR, i])
         at[FX, i] -= drag * at[VX, i]
         at[FY, i] -= drag * at[VY, i]
         place = y[R, n] + c.pivot[i] + at[X, i]
