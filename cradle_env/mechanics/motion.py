@@ -10,7 +10,7 @@ from scipy.integrate import DOP853
 
 from cradle_env.mechanics.contact import contact_forces
 from cradle_env.mechanics.forces import rates
-from cradle_env.mechanics.jit import jit
+from cradle_env.mechanics.jit import jit, part
 from cradle_env.mechanics.parameters import (
     BROUGHT,
     CONTACT_LOSS,
@@ -55,7 +55,7 @@ def derivative(cradle, bobs, S, W, lo, hi, t, A, c, R, rate):
         contact_forces(cradle, bobs, lo, hi, S, W, t, A, c, R, rate)
 
 
-@jit
+@part
 def step(cradle, bobs, S, W, lo, hi, h):
     """Advances the group of bobs lo..hi-1 by h [s] from the start of its segment, into W[:, OUT]."""
     if hi - lo == 1:
