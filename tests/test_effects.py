@@ -248,10 +248,14 @@ def test_present_is_what_it_says(effect: Effect) -> None:
 
 @EACH
 def test_ledger_closes(effect: Effect) -> None:
-    cradle = with_effect(EXAMPLES[effect.name], effect.name).replace(bobs=3, delta=-0.001)
+    example = EXAMPLES[effect.name]
+    of_three = {p.key: [0.01, -0.004, -0.006][: p.count(3)] for p in effect.parameters if p.each}
+    base = example.base.replace(bobs=3, delta=-0.001)
+    cradle = with_effect(dataclasses.replace(example, base=base, values=example.values | of_three), effect.name)
     total = simulate(cradle, RELEASE, 10.0, step_factor=0.25).energy().total
-    # As in test_energy; the sharp turn of friction costs the interpolation of its work more.
-    np.testing.assert_allclose(total, total[0], rtol=0, atol=2e-8 if effect.name == "pivot_friction" else 3e-9)
+    # As in test_energy. What acts between neighbours has a kink at touch, friction all but jumps at each turn.
+    kinks = {"pivot_friction": 2e-8, "group_drag": 2e-8, "bob_attraction": 2e-7}
+    np.testing.assert_allclose(total, total[0], rtol=0, atol=kinks.get(effect.name, 3e-9))
 
 
 @EACH

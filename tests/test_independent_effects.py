@@ -345,11 +345,11 @@ def test_strings_that_creep_turn_where_their_stretch_does() -> None:
 
 @pytest.mark.parametrize("delta", [0.0, 0.05])
 def test_bobs_in_phase_are_slowed_by_their_neighbours(delta: float) -> None:
-    """Both swing as one bob would at b + slope exp(-gap/range); contacts that do not press add rounding."""
+    """Both swing as one bob would at b (1 + slope exp(-gap/range)); contacts that do not press add rounding."""
     gap, times = 2 * 0.020 * delta, np.linspace(0, 10, 101)
-    cradle = SoftCradle(2, strings="rigid", delta=delta, effects={"group_drag": {"slope": 0.03, "range": 4e-3}})
+    cradle = SoftCradle(2, strings="rigid", delta=delta, effects={"group_drag": {"slope": 15.0, "range": 4e-3}})
     pair = simulate_soft(cradle, {1: 0.2, 2: 0.2}, times=times).theta
-    b = 0.002 + 0.03 * np.exp(-gap / 4e-3)
+    b = 0.002 * (1 + 15.0 * np.exp(-gap / 4e-3))
     alone = simulate_soft(SoftCradle(1, strings="rigid", b=b), {1: 0.2}, times=times).theta
     np.testing.assert_allclose(pair, alone.repeat(2, axis=1), rtol=0, atol=1e-10)
 

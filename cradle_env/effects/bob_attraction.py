@@ -1,5 +1,7 @@
 """Bobs that attract each other."""
 
+import math
+
 from cradle_env.effects.declaration import Effect, Parameter, Values
 
 
@@ -20,7 +22,7 @@ bob_attraction = Effect(
     looks_like="bobs stick after gentle impacts and swing on together; early synchronization",
     parameters=(
         Parameter("force", "F_a", "N", "attraction at touch", absent=0.0, low=0.0, high=10.0, scale=0.01),
-        Parameter("range", "ρ_a", "m", "distance over which it falls", absent=0.003, low=1e-4, high=0.05, scale=0.003),
+        Parameter("range", "ρ_a", "m", "over which it falls", absent=math.nan, low=1e-4, high=0.05, scale=0.003),
     ),
     apply=_apply,
     caveat="magnets fall off as a power of the distance, and differ from pair to pair",

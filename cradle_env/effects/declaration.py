@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -93,8 +94,8 @@ class Effect:
             raise ValueError(f"effect {self.name}: a force from outside takes at most 8 parameters")
 
     def absent_values(self) -> dict[str, float]:
-        """The parameters at which the effect is not there."""
-        return {p.key: p.absent for p in self.parameters}
+        """The parameters at which the effect is not there; those that then mean nothing at their scale."""
+        return {p.key: p.scale if math.isnan(p.absent) else p.absent for p in self.parameters}
 
     def checked(self, values: Values, bobs: int) -> dict[str, float | tuple[float, ...]]:
         """The values for a cradle of N bobs, complete and within bounds; ValueError otherwise."""

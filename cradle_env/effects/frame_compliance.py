@@ -28,9 +28,9 @@ frame_compliance = Effect(
             "frame_mass", "M_f", "kg", "moving mass of the frame, 0: it does not move",
             absent=0.0, low=0.0, high=1e4, scale=5.0,
         ),
-        Parameter("frequency", "f_f", "Hz", "of the bare frame", absent=10.0, low=1.0, high=200.0, scale=10.0),
+        Parameter("frequency", "f_f", "Hz", "of the bare frame", absent=math.nan, low=1.0, high=200.0, scale=10.0),
         Parameter(
-            "damping_ratio", "ζ_f", "1", "of the bare frame, over critical", absent=0.05, low=0.0, high=2.0, scale=0.05
+            "damping_ratio", "ζ_f", "1", "over critical, bare", absent=math.nan, low=0.0, high=2.0, scale=0.05
         ),
     ),
     apply=_apply,

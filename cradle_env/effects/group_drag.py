@@ -1,5 +1,7 @@
 """Bobs that swing together are dragged more each."""
 
+import math
+
 from cradle_env.effects.declaration import Effect, Parameter, Values
 
 
@@ -20,7 +22,7 @@ group_drag = Effect(
     looks_like="faster decay once the bobs swing together than while one swings alone",
     parameters=(
         Parameter("slope", "s_b", "1", "growth by a neighbour at touch", absent=0.0, low=0.0, high=20.0, scale=0.3),
-        Parameter("range", "ρ_b", "m", "distance over which it falls", absent=0.005, low=1e-4, high=0.1, scale=0.005),
+        Parameter("range", "ρ_b", "m", "over which it falls", absent=math.nan, low=1e-4, high=0.1, scale=0.005),
     ),
     apply=_apply,
     caveat="the paper fits b_n by groups; how it falls with distance is a guess",

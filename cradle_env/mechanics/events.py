@@ -145,6 +145,8 @@ def finish(cradle, bobs, S, W, bob, times, motion, energy):
         arrive(cradle, bobs, S, i, S[i, T1], S, END, times, motion, energy)
         for c in range(DIM):
             S[i, RATE0 + c] = S[i, RATE1 + c]
+    if bobs[lo].creep != 0.0:  # the strings have just been slackened
+        derivative(cradle, bobs, S, W, lo, hi, S[lo, T0], S, START, S, RATE0)
     if cause == TURN:
         turn_string(cradle, bobs[whose], S, whose, 1.0 if S[whose, BRANCH] == UNLOADING else -1.0)
     elif cause == TAUT:

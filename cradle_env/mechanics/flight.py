@@ -45,7 +45,7 @@ _SHORTEST = 0.25
 _CONTACT_STEP = 1.0 / 16.0
 
 
-@jit
+@part
 def plan(cradle, bobs, S, W, lo, hi):
     """Lays the segment of the bobs lo..hi-1 from its start: to a point of the grid, or to the first event of a
     string, a persistent contact or a resolved contact before it. Returns whether it is finite."""

@@ -85,7 +85,7 @@ def closing(cradle, bobs, S, p, low, high, depth):
         t = newton if low < newton < high and high - low < width else 0.5 * (low + high)
 
 
-@jit
+@part
 def step_to(cradle, bobs, S, W, i, t):
     """Steps bob i's group exactly to time t [s] of its segment, into W[:, OUT]."""
     step(cradle, bobs, S, W, int(S[i, FIRST]), int(S[i, LAST]), t - S[i, T0])
