@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NoReturn
 
@@ -10,6 +10,7 @@ import gymnasium as gym
 import numpy as np
 from gymnasium import error, logger
 
+from cradle_env.cradle import Cradle
 from cradle_env.episodes import INFO, OVER, REWARD, SYNCHRONIZED, Episodes, Stepper, check_status
 from cradle_env.mechanics.control import BAD_ACTION
 from cradle_env.settings import Settings
@@ -166,7 +167,7 @@ class NewtonCradleEnv(gym.Env[np.ndarray, np.ndarray]):
         """One control interval."""
         if not self._ready:
             self._refuse()
-        if not isinstance(action, np.ndarray) or action.shape != self._action.shape[1:]:
+        if not isinstance(action, np.ndarray) or action.shape != self._action.shape[1:] or action.dtype.kind != "f":
             action = self.settings.checked_action(action)
         self._action[0] = action
         observation = np.empty(self._shape, self._dtype)
@@ -179,7 +180,7 @@ class NewtonCradleEnv(gym.Env[np.ndarray, np.ndarray]):
         row = self._episodes.report[0].tolist()
         info = dict(zip(INFO, row, strict=False))  # the first part of the report
         reward = row[REWARD] if self._reward is None else float(self._reward(self._info, info))
-        self._info = info
+        self._info = info.copy()  # whoever gets an info may change it
         if self._view is not None:
             self._view.follow(info, self.impacts)
             if self.render_mode == "human":
@@ -191,7 +192,7 @@ class NewtonCradleEnv(gym.Env[np.ndarray, np.ndarray]):
         if self._view is None:
             logger.warn('nothing to render: make the environment with render_mode="human", "rgb_array" or "ansi"')
             return None
-        if not self._info:
+        if self._closed or not self._info:
             self._refuse()
         return self._view.render(self._episodes, 0, self._info)
 
@@ -204,23 +205,34 @@ class NewtonCradleEnv(gym.Env[np.ndarray, np.ndarray]):
     @property
     def impacts(self) -> np.ndarray:
         """Impacts of the last step: time [s], pair (i: bobs i and i + 1), speed [m/s], loss [J]."""
+        if not self._info:
+            self._refuse()
         return self._stepper.rows(int(self._info["impacts"]))
 
     def get_state(self) -> State:
         """The whole state, motion, hysteresis memory, random numbers and all; `set_state` puts it back."""
         return State(
-            arrays=tuple(array.copy() for array in self._episodes.arrays()),
+            settings=(self.settings.lasting,),
+            cradles=tuple(self._episodes.of),
+            arrays=tuple(array.copy() for array in (*self._episodes.arrays(), self._stepper.impacts)),
             random=[self.np_random.bit_generator.state],
+            seeds=[self.np_random_seed],
             ready=self._ready,
         )
 
     def set_state(self, state: State) -> None:
-        """Goes on from a state, bit for bit as its environment would have; ValueError if it is of another cradle."""
-        if state.arrays[2].shape != self._episodes.state.shape:
-            raise ValueError(f"the state is of {state.arrays[2].shape[1]} bobs; this cradle has {self.settings.bobs}")
-        self._episodes.restore(state.arrays)
+        """Goes on from a state, bit for bit as its environment would have; ValueError if it is of another."""
+        if self._closed:
+            self._refuse()
+        check_state(state, [self.settings], self._episodes, 1)
+        *arrays, impacts = state.arrays
+        self._episodes.restore(tuple(arrays), state.cradles)
+        self._stepper.impacts[:] = impacts
         self.np_random.bit_generator.state = state.random[0]  # type: ignore[assignment]
-        self._info, self._ready = self._shown(), state.ready
+        self._np_random_seed = state.seeds[0]
+        self._info, self._ready = self._shown() if state.ready else {}, state.ready
+        if self._view is not None:
+            self._view.begin()
 
     def _shown(self) -> dict[str, float]:
         return dict(zip(INFO, self._episodes.report[0].tolist(), strict=False))  # the first part of the report
@@ -228,15 +240,19 @@ class NewtonCradleEnv(gym.Env[np.ndarray, np.ndarray]):
     def _refuse(self) -> NoReturn:
         if self._closed:
             raise error.ClosedEnvironmentError("this environment is closed; make another")
-        raise error.ResetNeeded("call reset before step")
+        raise error.ResetNeeded("there is no episode; call reset first")
 
 
 @dataclass(frozen=True)
 class State:
-    """A state of one environment or of many: the arrays of their episodes, their random numbers."""
+    """A state of one environment or of many: their settings and cradles, the arrays of their episodes, their random
+    numbers."""
 
+    settings: tuple[Mapping[str, Any], ...]
+    cradles: tuple[Cradle | None, ...]
     arrays: tuple[np.ndarray, ...]
     random: list[Mapping[str, Any] | None]
+    seeds: list[int]
     ready: bool
 
 
@@ -245,3 +261,21 @@ def check_render_mode(mode: str | None, metadata: dict[str, Any]) -> str | None:
     if mode is not None and mode not in metadata["render_modes"]:
         raise ValueError(f"render_mode is {mode!r}; choose one of {', '.join(metadata['render_modes'])}")
     return mode
+
+
+def check_state(state: State, settings: Sequence[Settings], episodes: Episodes, more: int) -> None:
+    """TypeError unless it is a state, ValueError unless it is of environments of this kind, which has so many more
+    arrays than those of its episodes, and with these settings."""
+    if not isinstance(state, State):
+        raise TypeError(f"the state is {state!r:.100}; it must be what get_state returns")
+    if len(state.settings) != len(settings):
+        raise ValueError(f"the state is of {len(state.settings)} environments; this is {len(settings)}")
+    if len(state.arrays) != len(episodes.arrays()) + more:
+        raise ValueError("the state is of a vector environment, or this is one; each takes those of its own kind")
+    for theirs, own in zip(state.settings, settings, strict=True):
+        for name, value in own.lasting.items():
+            if theirs[name] != value:
+                raise ValueError(f"the state is of an environment with {name} {theirs[name]!r}; here it is {value!r}")
+    for cradle in state.cradles:
+        if cradle is not None:
+            episodes.check_shown(cradle)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -38,15 +39,20 @@ class Episodes:
         self.episodes = np.zeros(count, p.EPISODE)
         self.ring = np.zeros((count, 1))
         self.report = np.zeros((count, len(control.REPORT)))
+        #: The cradle of each episode.
+        self.of: list[Cradle | None] = [None] * count
+        self._largest = largest(settings)
         self._records: tuple[Cradle, Settings, np.ndarray, np.ndarray, np.ndarray] | None = None
 
     def begin(self, k: int, settings: Settings, cradle: Cradle, angle: float, observations: np.ndarray) -> None:
         """Puts episode k before its release: `cradle`, to be released at `angle` [rad]; writes observations[k]."""
         # Most episodes are of the same cradle under the same settings.
         if self._records is None or self._records[0] is not cradle or self._records[1] is not settings:
-            self._records = (cradle, settings, *_records(cradle, settings))
+            self.check_shown(cradle)
+            self._records = (cradle, settings, *_records(cradle, settings, self._largest))
         _, _, c, bobs, episode = self._records
         self.cradles[k], self.bobs[k], self.episodes[k] = c[0], bobs, episode[0]
+        self.of[k] = cradle
         self.episodes["angle_range"][k, 1] = angle
         width = 2 * int(episode["half_window"][0]) + 1
         if width > self.ring.shape[1]:
@@ -62,10 +68,32 @@ class Episodes:
         """Everything that makes up the state: copies of these, put back, continue bit for bit."""
         return self.cradles, self.bobs, self.state, self.episodes, self.ring, self.report
 
-    def restore(self, arrays: tuple[np.ndarray, ...]) -> None:
-        """Takes up a state, copied from `arrays`."""
+    def restore(self, arrays: tuple[np.ndarray, ...], of: Sequence[Cradle | None]) -> None:
+        """Takes up a state of the cradles `of`, copied from `arrays`."""
         copies = (a.copy() for a in arrays)
         self.cradles, self.bobs, self.state, self.episodes, self.ring, self.report = copies
+        self.of = list(of)
+        # A force from outside has another address in every process.
+        for k in np.flatnonzero(self.cradles["user_force"]):
+            self.cradles["user_force"][k] = records(self.of[k])[0]["user_force"][0]  # type: ignore[arg-type]
+
+    def check_shown(self, cradle: Cradle) -> None:
+        """ValueError if the bobs of a cradle can move beyond what the observations hold."""
+        speed, spin = math.sqrt(cradle.gravity * cradle.length), math.sqrt(cradle.gravity / cradle.length)
+        if any(2.0 * x > most for x, most in zip((0.75 * cradle.length, speed, spin), self._largest, strict=True)):
+            r, r_dot, theta_dot = self._largest
+            raise ValueError(
+                f"length is {cradle.length:g} m and gravity {cradle.gravity:g} m/s^2, but the observation space holds"
+                f" r to {r:g} m, dr/dt to {r_dot:g} m/s and dθ/dt to {theta_dot:g} rad/s; make an environment with"
+                " ranges (low, high) of them"
+            )
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {**self.__dict__, "_records": None}
+
+    def __setstate__(self, kept: dict[str, Any]) -> None:
+        self.__dict__.update(kept)
+        self.restore(self.arrays(), self.of)
 
 
 class Stepper:
@@ -92,8 +120,10 @@ def _scratch(bobs: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return np.zeros((bobs, p.SCRATCH)), np.zeros(bobs), np.zeros((_IMPACTS * bobs, 4))
 
 
-def _records(cradle: Cradle, settings: Settings) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Records of the cradle and of its episode, (1,) of CRADLE, (N,) of BOB and (1,) of EPISODE."""
+def _records(
+    cradle: Cradle, settings: Settings, shown: tuple[float, float, float]
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Records of a cradle and of its episode: (1,) of CRADLE, (N,) of BOB and (1,) of EPISODE; shown: see `largest`."""
     c, bobs = records(cradle, _STEP_FACTOR)
     steps = math.ceil(settings.control_interval / c["step"][0] - 1e-9)
     c["step"] = settings.control_interval / steps
@@ -117,7 +147,7 @@ def _records(cradle: Cradle, settings: Settings) -> tuple[np.ndarray, np.ndarray
         "synchronized_at": settings.synchronized_at,
         "duration": settings.duration,
         "reward_kind": _REWARDS.get(settings.reward, p.ELSEWHERE) if isinstance(settings.reward, str) else p.ELSEWHERE,
-        "largest": largest(settings),
+        "largest": shown,
         "steps": -1,
         "delta": cradle.delta,
         "sigma": 1.0,

@@ -240,9 +240,24 @@ class Settings:
         """The cradle with the upper end of every range."""
         return self._cradle({name: self._ends(name)[-1] for name in PER_EPISODE if self._ends(name)})
 
+    def narrowest(self) -> Cradle:
+        """The cradle with the lower end of every range."""
+        return self._cradle({name: self._ends(name)[0] for name in PER_EPISODE if self._ends(name)})
+
+    @functools.cached_property
+    def lasting(self) -> dict[str, Any]:
+        """What is the same for all episodes, and so for a state and the environment that takes it up."""
+        told = {name: getattr(self, name) for name in _LASTING}
+        return {**told, "reward": self.reward if isinstance(self.reward, str) else "a function"}
+
 
 #: What an environment can be told.
 SETTINGS = (*(f.name for f in dataclasses.fields(Settings) if f.name != "cradle"), *CRADLE_NUMBERS, "power_law")
+
+
+_LASTING = tuple(
+    f.name for f in dataclasses.fields(Settings) if f.name not in (*PER_EPISODE, "cradle", "model", "effects", "dtype")
+)
 
 
 def _settings(fields: dict[str, Any]) -> Settings:

@@ -32,7 +32,7 @@ def observation_space(settings: Settings) -> Box:
 
 def largest(settings: Settings) -> tuple[float, float, float]:
     """The largest r [m], dr/dt [m/s] and dθ/dt [rad/s] that an observation shows: far beyond any swing, which
-    reaches 2 √(g r0) and 2 √(g/r0) at most."""
-    cradle = settings.widest()
-    speed = 4.0 * math.sqrt(cradle.gravity * cradle.length)
-    return 2.0 * cradle.length, speed, speed / cradle.length
+    reaches 2 √(g r0) and 2 √(g/r0) at most; of the longest and of the shortest strings where these are a range."""
+    cradle, shortest = settings.widest(), settings.narrowest().length
+    speed, spin = math.sqrt(cradle.gravity * cradle.length), math.sqrt(cradle.gravity / shortest)
+    return 2.0 * cradle.length, 4.0 * speed, 4.0 * spin

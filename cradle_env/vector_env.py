@@ -5,17 +5,17 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from typing import Any
+from typing import Any, NoReturn
 
 import numpy as np
-from gymnasium import error
+from gymnasium import error, logger
 from gymnasium.utils import seeding
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
-from cradle_env.env import NewtonCradleEnv, State, check_render_mode
+from cradle_env.env import NewtonCradleEnv, State, check_render_mode, check_state
 from cradle_env.episodes import INFO, OVER, REWARD, SYNCHRONIZED, Episodes, Stepper, check_status
-from cradle_env.settings import Settings
+from cradle_env.settings import Settings, as_numbers
 from cradle_env.spaces import action_space, observation_space
 from cradle_env.trajectory import IMPACT
 from cradle_env.view import View
@@ -39,16 +39,28 @@ class NewtonCradleVectorEnv(VectorEnv):
         workers: int | None = None,
         **settings: Any,
     ) -> None:
-        if not isinstance(num_envs, int | np.integer) or num_envs < 1:
-            raise ValueError(f"num_envs is {num_envs!r}; it must be a whole number, at least 1")
+        for name, value in (("num_envs", num_envs), ("workers", workers)):
+            whole = isinstance(value, int | np.integer) and value >= 1
+            if not whole and (name == "num_envs" or value is not None):
+                raise ValueError(f"{name} is {value!r}; it must be a whole number, at least 1")
+        if not isinstance(max_episode_steps, int | np.integer | None):
+            raise TypeError(f"max_episode_steps is {max_episode_steps!r}; it must be a whole number, or None")
         if each is not None and len(each) != num_envs:
             raise ValueError(f"each has {len(each)} settings; there are {num_envs} environments")
         self.num_envs = int(num_envs)
         self.settings = Settings.of(**settings)
-        self._each = [self.settings] * num_envs if each is None else [Settings.of(**settings, **own) for own in each]
+        self._each = (
+            [self.settings] * num_envs
+            if each is None
+            else [Settings.of(**{**settings, **_mapping(own)}) for own in each]
+        )
         self.render_mode = check_render_mode(render_mode, NewtonCradleEnv.metadata)
+        modes = [mode.value for mode in AutoresetMode]
+        if not isinstance(autoreset_mode, AutoresetMode) and autoreset_mode not in modes:
+            raise ValueError(f"autoreset_mode is {autoreset_mode!r}; choose one of {', '.join(modes)}")
         self.autoreset_mode = AutoresetMode(autoreset_mode)
-        self.metadata = {**NewtonCradleEnv.metadata, "autoreset_mode": self.autoreset_mode}
+        fps = max(1, round(1.0 / self.settings.control_interval))
+        self.metadata = {**NewtonCradleEnv.metadata, "render_fps": fps, "autoreset_mode": self.autoreset_mode}
         self.single_observation_space = observation_space(self.settings)
         self.single_action_space = action_space(self.settings)
         for own in self._each:
@@ -58,6 +70,7 @@ class NewtonCradleVectorEnv(VectorEnv):
         self.action_space = batch_space(self.single_action_space, self.num_envs)
         self._limit = max_episode_steps if max_episode_steps is not None and max_episode_steps > 0 else np.inf
         self._episodes = Episodes(self.num_envs, self.settings)
+        self._observations = np.zeros(self.observation_space.shape, self.settings.dtype)  # type: ignore[arg-type]
         self._random: list[np.random.Generator | None] = [None] * self.num_envs
         self._seeds = [-1] * self.num_envs
         self._steps = np.zeros(self.num_envs, int)
@@ -66,8 +79,7 @@ class NewtonCradleVectorEnv(VectorEnv):
         workers = min(workers or os.cpu_count() or 1, self.num_envs)
         self._steppers = [Stepper(self.settings.bobs) for _ in range(workers)]
         self._pool: ThreadPoolExecutor | None = None
-        mode, fps = self.render_mode, NewtonCradleEnv.metadata["render_fps"]
-        self._views = [] if mode is None else [View(mode, fps, own) for own in self._each]
+        self._views = [] if render_mode is None else [View(render_mode, fps, own) for own in self._each]
 
     def reset(
         self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
@@ -76,13 +88,13 @@ class NewtonCradleVectorEnv(VectorEnv):
         if self.closed:
             raise error.ClosedEnvironmentError("this environment is closed; make another")
         seeds = [None] * self.num_envs if seed is None else seed
-        seeds = [seeds + i for i in range(self.num_envs)] if isinstance(seeds, int | np.integer) else list(seeds)
+        seeds = [int(seeds) + i for i in range(self.num_envs)] if isinstance(seeds, int | np.integer) else list(seeds)
         if len(seeds) != self.num_envs:
             raise ValueError(f"{len(seeds)} seeds for {self.num_envs} environments; give one each, or a single one")
-        options = dict(options or {})
+        options = _mapping({} if options is None else options, "options")
         which = _checked_mask(options.pop("reset_mask", None), self.num_envs)
-        if not self._ready:
-            self._observations = np.zeros(self.observation_space.shape, self.settings.dtype)  # type: ignore[arg-type]
+        if not self._ready and not which.all():
+            raise error.ResetNeeded(f"there are no episodes {_indices(~which)} yet; reset all of them first")
         for k in _indices(which):
             if seeds[k] is not None:
                 self._random[k], self._seeds[k] = seeding.np_random(seeds[k])
@@ -94,22 +106,24 @@ class NewtonCradleVectorEnv(VectorEnv):
     def _begin(self, k: int, options: Mapping[str, Any] | None = None) -> None:
         """Puts episode k before its release, shown in `_observations`."""
         settings, posterior = self._each[k].for_episode(options)
-        random = self._random[k]
-        if random is None:
-            random, self._seeds[k] = seeding.np_random()
-            self._random[k] = random
-        cradle, angle = settings.drawn(random, posterior)
+        cradle, angle = settings.drawn(self._generator(k), posterior)
         self._episodes.begin(k, settings, cradle, angle, self._observations)
         self._steps[k] = 0
         if self._views:
             self._views[k].begin()
 
+    def _generator(self, k: int) -> np.random.Generator:
+        """The random numbers of environment k, seeded by chance if they have not been."""
+        random = self._random[k]
+        if random is None:
+            random, self._seeds[k] = seeding.np_random()
+            self._random[k] = random
+        return random
+
     def step(self, actions: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
         """One control interval of every environment that is not to be reset first."""
         if not self._ready:
-            if self.closed:
-                raise error.ClosedEnvironmentError("this environment is closed; make another")
-            raise error.ResetNeeded("call reset before step")
+            self._refuse()
         actions = self._checked_actions(actions)
         if self.autoreset_mode is AutoresetMode.DISABLED and self._over.any():
             raise error.ResetNeeded(f"episodes {_indices(self._over)} are over; reset them with options reset_mask")
@@ -149,12 +163,11 @@ class NewtonCradleVectorEnv(VectorEnv):
         return self._observations.copy(), rewards, terminated, truncated, {**last, **self._infos()}
 
     def _checked_actions(self, actions: Any) -> np.ndarray:
-        try:
-            checked = np.ascontiguousarray(actions, dtype=float)
-        except (TypeError, ValueError):
-            checked = np.empty(0)
+        checked = np.ascontiguousarray(as_numbers(actions))
         if checked.shape != self.action_space.shape:
-            raise error.InvalidAction(f"actions have shape {np.shape(actions)}; give numbers {self.action_space.shape}")
+            told = f"of shape {actions.shape} and type {actions.dtype}" if isinstance(actions, np.ndarray) else ""
+            wanted = f"numbers in [-1, 1] of shape {self.action_space.shape}"
+            raise error.InvalidAction(f"actions are {told or repr(actions)[:100]}; they must be {wanted}")
         outside = ~(np.abs(checked) <= 1.0).all(axis=1)
         if outside.any():
             k = _indices(outside)[0]
@@ -199,41 +212,58 @@ class NewtonCradleVectorEnv(VectorEnv):
     def render(self) -> tuple[Any, ...] | None:
         """The pictures of all environments; impacts are not marked."""
         if not self._views:
+            logger.warn('nothing to render: make the environment with render_mode="human", "rgb_array" or "ansi"')
             return None
+        if not self._ready:
+            self._refuse()
         return tuple(view.render(self._episodes, k, self._info(k)) for k, view in enumerate(self._views))
 
     def get_state(self) -> State:
         """The whole state of all environments; `set_state` puts it back."""
+        arrays = (*self._episodes.arrays(), self._observations, self._steps, self._over)
         return State(
-            arrays=tuple(
-                array.copy() for array in (*self._episodes.arrays(), self._observations, self._steps, self._over)
-            ),
+            settings=tuple(own.lasting for own in self._each),
+            cradles=tuple(self._episodes.of),
+            arrays=tuple(array.copy() for array in arrays),
             random=[None if random is None else random.bit_generator.state for random in self._random],
+            seeds=list(self._seeds),
             ready=self._ready,
         )
 
     def set_state(self, state: State) -> None:
         """Goes on from a state, bit for bit; ValueError if it is of other environments."""
+        if self.closed:
+            self._refuse()
+        check_state(state, self._each, self._episodes, 3)
         *arrays, observations, steps, over = state.arrays
-        if arrays[2].shape != self._episodes.state.shape:
-            raise ValueError(f"the state is of {len(arrays[2])} environments with {arrays[2].shape[1]} bobs each")
-        self._episodes.restore(tuple(arrays))
-        self._observations, self._steps, self._over = observations.copy(), steps.copy(), over.copy()
+        self._episodes.restore(tuple(arrays), state.cradles)
+        self._observations[:] = observations
+        self._steps, self._over, self._seeds = steps.copy(), over.copy(), list(state.seeds)
         for k, saved in enumerate(state.random):
-            if saved is not None:
-                self._random[k] = self._random[k] or seeding.np_random()[0]
-                self._random[k].bit_generator.state = saved  # type: ignore[union-attr]
+            if saved is None:
+                self._random[k] = None
+            else:
+                self._generator(k).bit_generator.state = saved
+                self._seeds[k] = state.seeds[k]
         self._ready = state.ready
+        for view in self._views:
+            view.begin()
+
+    def _refuse(self) -> NoReturn:
+        if self.closed:
+            raise error.ClosedEnvironmentError("this environment is closed; make another")
+        raise error.ResetNeeded("there are no episodes; call reset first")
 
     @property
     def np_random_seed(self) -> tuple[int, ...]:  # type: ignore[override]
         """Seeds of the environments."""
+        self.np_random  # noqa: B018  seeds those that have none
         return tuple(self._seeds)
 
     @property
-    def np_random(self) -> tuple[np.random.Generator | None, ...]:  # type: ignore[override]
+    def np_random(self) -> tuple[np.random.Generator, ...]:  # type: ignore[override]
         """Random generators of the environments."""
-        return tuple(self._random)
+        return tuple(self._generator(k) for k in range(self.num_envs))
 
     def close_extras(self, **kwargs: Any) -> None:
         """Ends the threads, closes the windows."""
@@ -252,11 +282,21 @@ def _indices(which: Any) -> list[int]:
     return np.flatnonzero(which).tolist()
 
 
+def _mapping(given: Any, name: str = "each") -> dict[str, Any]:
+    """A copy of it; TypeError if it is no mapping."""
+    if not isinstance(given, Mapping):
+        wanted = "a dictionary" if name == "options" else "one dictionary of settings for each environment"
+        raise TypeError(f"{name} has {given!r}; it must be {wanted}")
+    return dict(given)
+
+
 def _checked_mask(mask: Any, count: int) -> np.ndarray:
     if mask is None:
         return np.ones(count, bool)
-    if not isinstance(mask, np.ndarray) or mask.dtype != np.bool_ or mask.shape != (count,):
-        raise TypeError(f"options['reset_mask'] must be a numpy array of {count} booleans, got {mask!r}")
+    if not isinstance(mask, np.ndarray) or mask.dtype != np.bool_:
+        raise TypeError(f"options['reset_mask'] is {mask!r}; it must be a numpy array of {count} booleans")
+    if mask.shape != (count,):
+        raise ValueError(f"options['reset_mask'] has shape {mask.shape}; it must have shape ({count},)")
     if not mask.any():
         raise ValueError("options['reset_mask'] resets nothing; set at least one of it")
     return mask.copy()
