@@ -13,7 +13,7 @@ from gymnasium.spaces import Box
 from cradle_env.cradle import Cradle, Release
 from cradle_env.settings import Settings
 from cradle_env.simulation import equilibrium, simulate
-from cradle_env.spaces import action_space
+from cradle_env.spaces import action_space, rounded
 from cradle_env.synchronization import WINDOW
 
 #: Instants at which σ is shown, as parts of the duration.
@@ -82,9 +82,7 @@ class NewtonCradleReleaseEnv(gym.Env[np.ndarray, np.ndarray]):
         low = np.concatenate([np.zeros(len(FEATURES)), [-1.0, -1.0, 0.0]])
         high = np.concatenate([np.full(len(FEATURES), 2.0), [_FASTEST, 1.0, math.pi]])
         dtype = self.settings.dtype
-        self.observation_space = Box(
-            low.astype(dtype), np.nextafter(high.astype(dtype), dtype.type(8)), dtype=dtype.type
-        )
+        self.observation_space = Box(low.astype(dtype), rounded(high, np.inf, dtype), dtype=dtype.type)
         self._cradle: Cradle | None = None
         self._angle, self._closed = 0.0, False
         self._episode = self.settings
