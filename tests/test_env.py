@@ -40,9 +40,10 @@ def energy_kept(before: dict[str, float], after: dict[str, float]) -> float:
 
 
 def python(code: str, *arguments: str, **environment: str) -> str:
-    """What `code` prints in a fresh interpreter, from whose folder the package is found."""
+    """What `code` prints in a fresh interpreter, in the folder of the package; warnings are errors there, too."""
+    others = (f"-Wdefault::{kind}" for kind in ("DeprecationWarning", "PendingDeprecationWarning", "FutureWarning"))
     run = subprocess.run(
-        [sys.executable, "-W", "error", "-c", code, *arguments],
+        [sys.executable, "-Werror", *others, "-c", code, *arguments],
         capture_output=True, text=True, timeout=300, cwd=ROOT, env={**os.environ, **environment},
     )  # fmt: skip
     assert run.returncode == 0, run.stderr[-2000:]
