@@ -60,7 +60,8 @@ class NewtonCradleReleaseEnv(gym.Env[np.ndarray, np.ndarray]):
 
     ## Arguments
 
-    Those of `NewtonCradle-v0` that describe a cradle, `actions`, their ranges, `duration`, `reward` and `dtype`;
+    Those of `NewtonCradle-v0` that describe a cradle, `actions`, their ranges, `duration` (more than 1 s), `reward` and
+    `dtype`;
     `reset(options=...)` likewise. Where settings are ranges, every episode draws a new cradle.
 
     ## Version history
