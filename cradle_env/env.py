@@ -98,7 +98,7 @@ class NewtonCradleEnv(gym.Env[np.ndarray, np.ndarray]):
     |---|---|---|
     | `bobs` | 5 | N, 1 to 200 |
     | `delta` | 0.0 | of all gaps, −0.05 to 0.2 |
-    | `release_angle` | 0.228 | rad |
+    | `release_angle` | 0.228 | rad, above 0, on strings at most 1.5 |
     | `released_bobs` | 1 | how many bobs are lifted, from the last |
     | `start` | "unstretched" | or "hanging": length of the lifted strings |
     | `model`, `effects` | "nsp", {} | as in `Cradle`; or the path of a TOML file with a [model] table |
@@ -107,7 +107,7 @@ class NewtonCradleEnv(gym.Env[np.ndarray, np.ndarray]):
     | `delta_range` | (−0.02, 0.1) | |
     | `release_angle_range` | (0.05, 0.5) | rad |
     | `spacer_speed` | 0.03 | fastest change of a gap, m/s |
-    | `control_interval` | 1/60 | s |
+    | `control_interval` | 1/60 | s, at least 0.0001 |
     | `duration` | 60.0 | s |
     | `reward` | "synchronize" | or "sustain", or a function |
     | `synchronized_at` | 0.05 | σ |
@@ -115,8 +115,8 @@ class NewtonCradleEnv(gym.Env[np.ndarray, np.ndarray]):
     | `render_mode` | None | "human", "rgb_array" or "ansi" |
 
     `delta`, `release_angle` and the numbers of `Cradle` may be ranges (low, high), drawn anew by `reset` from the
-    environment's random numbers. `reset(options={...})` changes any of these for one episode;
-    `options={"posterior": "posterior.nc"}` draws what a calibration inferred, jointly.
+    environment's random numbers. `reset(options={...})` changes any of these for one episode, within what the
+    observation space holds; `options={"posterior": "posterior.nc"}` draws what a calibration inferred, jointly.
 
     `get_state` and `set_state` save and restore everything, hysteresis and random numbers too, bit for bit.
     `make_vec("NewtonCradle-v0", num_envs=K)` steps K cradles in one call on all cores.

@@ -13,7 +13,7 @@ from gymnasium.spaces import Box
 from cradle_env.cradle import Cradle, Release
 from cradle_env.settings import Settings
 from cradle_env.simulation import equilibrium, simulate
-from cradle_env.spaces import action_space
+from cradle_env.spaces import action_space, rounded
 from cradle_env.synchronization import WINDOW
 
 #: Instants at which σ is shown, as parts of the duration.
@@ -60,7 +60,8 @@ class NewtonCradleReleaseEnv(gym.Env[np.ndarray, np.ndarray]):
 
     ## Arguments
 
-    Those of `NewtonCradle-v0` that describe a cradle, `actions`, their ranges, `duration`, `reward` and `dtype`;
+    Those of `NewtonCradle-v0` that describe a cradle, `actions`, their ranges, `duration` (more than 1 s), `reward` and
+    `dtype`;
     `reset(options=...)` likewise. Where settings are ranges, every episode draws a new cradle.
 
     ## Version history
@@ -82,9 +83,7 @@ class NewtonCradleReleaseEnv(gym.Env[np.ndarray, np.ndarray]):
         low = np.concatenate([np.zeros(len(FEATURES)), [-1.0, -1.0, 0.0]])
         high = np.concatenate([np.full(len(FEATURES), 2.0), [_FASTEST, 1.0, math.pi]])
         dtype = self.settings.dtype
-        self.observation_space = Box(
-            low.astype(dtype), np.nextafter(high.astype(dtype), dtype.type(8)), dtype=dtype.type
-        )
+        self.observation_space = Box(low.astype(dtype), rounded(high, np.inf, dtype), dtype=dtype.type)
         self._cradle: Cradle | None = None
         self._angle, self._closed = 0.0, False
         self._episode = self.settings

@@ -23,11 +23,14 @@ def observation_space(settings: Settings) -> Box:
     for block, bound in enumerate((math.pi, r_dot, theta_dot), start=1):
         low[block * n : (block + 1) * n], high[block * n : (block + 1) * n] = -bound, bound
     low[4 * n], high[4 * n :] = -1.0, (1.0, 2.0, settings.duration)
-    # Rounded outwards, so that a bound itself lies within.
-    low, high = low.astype(settings.dtype), high.astype(settings.dtype)
-    if settings.dtype == np.float32:
-        low, high = np.nextafter(low, np.float32(-np.inf)), np.nextafter(high, np.float32(np.inf))
-    return Box(low, high, dtype=settings.dtype.type)
+    return Box(rounded(low, -np.inf, settings.dtype), rounded(high, np.inf, settings.dtype), dtype=settings.dtype.type)
+
+
+def rounded(bound: np.ndarray, towards: float, dtype: np.dtype) -> np.ndarray:
+    """A bound as `dtype`, rounded outwards where it is no such number."""
+    cast = bound.astype(dtype)
+    inside = cast < bound if towards > 0 else cast > bound
+    return np.where(inside, np.nextafter(cast, dtype.type(towards)), cast)
 
 
 def largest(settings: Settings) -> tuple[float, float, float]:

@@ -58,7 +58,7 @@ def test_what_is_taken_never_comes_back(bobs: int, delta: float, effects: dict) 
     # Interpolation of what drag took: its rate is positive, its cubic errs by some 1e-9 J.
     assert np.diff(energy.drag).min() >= -1e-9
     assert np.diff(energy.impacts).min() >= 0
-    lost = run.ledger[:, :, 3]  # of each bob, up to its last slack
+    lost = run.ledger[:, :, 5]  # of each bob, up to its last slack
     if effects:
         np.testing.assert_allclose(lost, 0, atol=1e-9)  # the quadrature of the strings' work
     else:

@@ -148,7 +148,7 @@ REFUSED = {
     "effect needs another": (edit('"nsp"\neffects = []', '"ho"\neffects = ["string_hysteresis"]'), CSV, ["requires"]),
     "effect value": (TOML + "[model.parameters]\nquadratic_drag = { c2 = -1 }", CSV, ["line 13", "c2 is -1 kg/m"]),
     "effect key": (TOML + "[model.parameters]\nquadratic_drag = { c3 = 1 }", CSV, ["line 13", "'c3'", "'c2'"]),
-    "effect list": (TOML + "[model.parameters]\nquadratic_drag = { c2 = [1] }", CSV, ["line 13", "not a number"]),
+    "effect list": (TOML + "[model.parameters]\nquadratic_drag = { c2 = [1] }", CSV, ["line 13", "not a list"]),
     "no release": (edit("release = { bobs = 1, angle = 0.228 }\n"), CSV, ["line 8", "no release", 'state = "free"']),
     "steep release": (edit("0.228", "1.6"), CSV, ["line 10", "1.6 rad", "1.5 rad", "pendulum"]),
     "release in degrees": (edit("0.228", "13"), CSV, ["line 10", "degrees", "0.2269"]),

@@ -201,3 +201,12 @@ def test_release_never_presses_on_neighbours() -> None:
     # Two gaps of 2 mm over 0.3 m, to the square of the lean; the release begins where the bobs hang.
     assert info["release_angle"] == pytest.approx(2 * 0.002 / 0.3, rel=0.02)
     assert info["kinetic"] < 1e-4
+
+
+@pytest.mark.parametrize(("kappa", "mass", "speed", "seed"), [(2e5, 0.2813, 0.01, 28), (2e5, 0.03, 0.1, 11)])
+def test_stiff_strings_that_turn_at_almost_no_stretch(kappa: float, mass: float, speed: float, seed: int) -> None:
+    """Where a string unloads from next to nothing, its parabola must not be followed below zero stretch."""
+    env = environment(bobs=3, delta=0.1, delta_range=(0.03, 0.15), spacer_speed=speed, kappa=kappa, mass=mass)
+    actions = np.random.default_rng(seed).uniform(-1, 1, (300, 2))
+    totals = [ledger(info) for _, info in driven(env, [np.zeros(2), *actions])]
+    np.testing.assert_allclose(totals, totals[0], rtol=0, atol=1e-6)  # 4e-9 J were measured; it was 200 J

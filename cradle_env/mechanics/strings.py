@@ -28,8 +28,9 @@ def slacken(bob, t):
 
 @leaf
 def tension(t0, t1, t2, s):
-    """T [N] at stretch s [m] on a branch with the coefficients t0, t1, t2."""
-    return t0 + s * (t1 + s * t2)
+    """T [N] at stretch s [m] on a branch with the coefficients t0, t1, t2. Below zero stretch, where a step may end
+    before the event is found, an unloaded string is slack already."""
+    return t0 + s * (t1 + max(s, 0.0) * t2)
 
 
 @jit
