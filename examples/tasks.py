@@ -29,7 +29,7 @@ TASKS = ("sustain", "synchronize")
 #: Seed of the first episode that methods are compared on; they learn and choose from others.
 HELD_OUT, OTHERS = 1_000_000, 2_000_000
 #: Colours of Okabe & Ito.
-BLUE, SKY, GREEN, ORANGE, VERMILLION, GREY = "#0072B2", "#56B4E9", "#009E73", "#E69F00", "#D55E00", "#666666"
+BLUE, SKY, GREEN, ORANGE, VERMILLION, GREY = "#0072B2", "#56B4E9", "#009E73", "#E69F00", "#D55E00", "#777777"
 #: Weights (1, θ_N − θ_1 [rad], ω_N − ω_1 [rad/s]) of the hand-made controllers: found by trial, kept simple.
 HAND_MADE = {"sustain": (1.3, -8.0, -0.25), "synchronize": (1.0, 1.2, -1.8)}
 
@@ -141,17 +141,18 @@ def draw_behaviour(task: str, played: dict[str, dict[str, np.ndarray]], path: Pa
             panel.plot(motion["time"], motion["theta"][:, bob], color=shades[bob], lw=1.1, label=f"bob {bob + 1}")
         panel.set(ylabel="θ [rad]", ylim=(-widest, widest), title=name)
     figure.legend(*panels[0].get_legend_handles_labels(), loc="outside upper center", ncols=BOBS, frameon=False)
-    for (name, one), colour, width in zip(played.items(), (GREY, BLUE, VERMILLION), (2.0, 1.3, 1.3), strict=False):
-        panels[-2].plot(one["time"], one["delta"], color=colour, lw=width, label=name)
+    for (name, one), colour, width in zip(played.items(), (GREY, GREEN, ORANGE), (2.0, 1.3, 1.3), strict=False):
+        course = np.interp([0.0, *one["time"]], one["time"], one["delta"])  # the first δ is that of the release
+        panels[-2].plot([0.0, *one["time"]], course, color=colour, lw=width, label=name)
         panels[-1].plot(one["time"], one["sigma"], color=colour, lw=width, label=name)
     panels[-2].set(ylabel="spacer δ", xlabel="t [s]", ylim=(-0.025, 0.105))
     for panel in panels[:-1]:
         panel.set_xlim(0.0, seconds)
     longest = max(one["time"][-1] for one in played.values())
-    panels[-1].set(ylabel="σ", xlabel="t [s], the whole episode", xlim=(0.0, longest), yscale="log", ylim=(5e-3, 3.0))
+    panels[-1].set(ylabel="σ", xlabel="t [s], the whole episode", xlim=(0.0, longest), yscale="log", ylim=(0.02, 6.0))
     panels[-1].axhline(0.05, color=GREY, lw=0.8, ls=":", zorder=0)
-    panels[-1].annotate("synchronized", (0.99 * longest, 0.052), color=GREY, ha="right", va="bottom")
-    panels[-1].legend(frameon=False, ncols=count, loc="lower left")
+    panels[-1].annotate("synchronized below", (0.005 * longest, 0.047), color=GREY, va="top")
+    panels[-1].legend(frameon=False, ncols=count, loc="upper right")
     figure.align_ylabels(panels)
     figure.savefig(path, dpi=150)
 

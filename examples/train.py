@@ -24,7 +24,7 @@ from stable_baselines3.common.vec_env import VecEnv, VecNormalize
 sys.path.insert(0, str(Path(__file__).resolve().parent))
 
 from tasks import (  # noqa: E402
-    BLUE, GREEN, GREY, OTHERS, TASKS, VERMILLION, Policy, again, baselines, draw_behaviour, line, make, play,
+    BLUE, GREY, OTHERS, SKY, TASKS, VERMILLION, Policy, again, baselines, draw_behaviour, line, make, play,
 )  # fmt: skip
 
 #: Cradles at once.
@@ -113,9 +113,9 @@ def draw_learning(curve: np.ndarray, levels: dict[str, float], name: str, path: 
     steps, returns, errors = curve[:, 0] / 1000.0, curve[:, 1], curve[:, 2]
     panel.fill_between(steps, returns - errors, returns + errors, color=BLUE, alpha=0.25, lw=0)
     panel.plot(steps, returns, color=BLUE, marker="o", ms=3.5, label=name)
-    styles = ((GREY, ":"), (VERMILLION, "--"), (GREEN, "-."))
-    for (method, level), (colour, style) in zip(levels.items(), styles, strict=True):
-        panel.axhline(level, color=colour, ls=style, label=method)
+    styles = ((SKY, "-", 4.0), (VERMILLION, "--", 1.5), (GREY, "-.", 1.5))
+    for (method, level), (colour, style, width) in zip(levels.items(), styles, strict=True):
+        panel.axhline(level, color=colour, ls=style, lw=width, label=method, zorder=1)
     panel.set(xlabel="control intervals seen in training [thousands]", ylabel="return of an episode")
     panel.set_xlim(0.0, None)
     panel.legend(frameon=False, loc="center right")
