@@ -128,7 +128,9 @@ def main() -> None:
             error = best.std(ddof=1) / np.sqrt(len(best)) if len(best) > 1 else np.nan
             run, row = np.unravel_index(np.argmax(sign * runs[:, :, 0]), runs.shape[:2])
             at = f"δ = {runs[run, row, 1]:+.4f}, {runs[run, row, 2]:.3f} rad"
-            print(f"{goal}, {method:<8}: λ = {best.mean():.4f} ± {error:.4f} 1/s; of all {runs[run, row, 0]:.4f} at {at}")
+            print(
+                f"{goal}, {method:<8}: λ = {best.mean():.4f} ± {error:.4f} 1/s; of all {runs[run, row, 0]:.4f} at {at}"
+            )
     grid = mapped(laboratory, options.columns)
     print(f"grid of {grid[2].size}: λ from {grid[2].min():.4f} to {grid[2].max():.4f} 1/s")
     path = options.out / "design.png"

@@ -20,7 +20,7 @@ from gymnasium.vector import VectorEnv
 
 sys.path.insert(0, str(Path(__file__).resolve().parent))
 
-from tasks import HELD_OUT, SETTINGS, TASKS, baselines, draw_behaviour, line, make  # noqa: E402
+from tasks import HELD_OUT, SETTINGS, TASKS, baselines, draw_behaviour, line, make
 
 #: Moves made before planning again, rounds of the search, and how many of the best courses it goes on from.
 MADE, ROUNDS, BEST = 2, 3, 8
@@ -99,9 +99,7 @@ def main() -> None:
     others = baselines(options.task, options.episodes)
     moves = max(round(options.horizon / SETTINGS["control_interval"]), MADE)
     began = time.monotonic()
-    runs = [
-        play_planned(options.task, k, options.candidates, moves, options.seed) for k in range(options.episodes)
-    ]
+    runs = [play_planned(options.task, k, options.candidates, moves, options.seed) for k in range(options.episodes)]
     took = time.monotonic() - began
     planner = {**runs[0], **{key: np.concatenate([run[key] for run in runs]) for key in ("returns", "lengths")}}
     print(f"{options.task}, {options.episodes} episodes, mean ± standard error")

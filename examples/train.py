@@ -23,15 +23,27 @@ from stable_baselines3.common.vec_env import VecEnv, VecNormalize
 
 sys.path.insert(0, str(Path(__file__).resolve().parent))
 
-from tasks import (  # noqa: E402
-    BLUE, GREY, OTHERS, SKY, TASKS, VERMILLION, Policy, again, baselines, draw_behaviour, line, make, play,
+from tasks import (
+    BLUE,
+    GREY,
+    OTHERS,
+    SKY,
+    TASKS,
+    VERMILLION,
+    Policy,
+    again,
+    baselines,
+    draw_behaviour,
+    line,
+    make,
+    play,
 )  # fmt: skip
 
 #: Cradles at once.
 CRADLES = 16
 ALGORITHMS: dict[str, tuple[Any, int, dict[str, Any]]] = {
     "PPO": (PPO, 400_000, {"n_steps": 256, "batch_size": 512, "n_epochs": 10}),
-    "SAC": (SAC, 120_000, {"train_freq": 4, "gradient_steps": 16, "learning_starts": 3000, "buffer_size": 150_000}),
+    "SAC": (SAC, 100_000, {"train_freq": 4, "gradient_steps": 32, "learning_starts": 3000, "gamma": 0.98}),
 }
 
 
@@ -43,12 +55,15 @@ class Adapter(VecEnv):
         super().__init__(cradles.num_envs, cradles.single_observation_space, cradles.single_action_space)
 
     def reset(self) -> np.ndarray:
+        """Begins all episodes."""
         return self.cradles.reset(seed=self._seeds)[0]
 
     def step_async(self, actions: np.ndarray) -> None:
+        """Takes the actions."""
         self.actions = actions
 
     def step_wait(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[dict[str, Any]]]:
+        """One control interval."""
         observations, rewards, terminated, truncated, info = self.cradles.step(self.actions)
         infos: list[dict[str, Any]] = [{} for _ in rewards]
         for k in np.flatnonzero(terminated | truncated):
@@ -57,18 +72,23 @@ class Adapter(VecEnv):
         return observations, rewards.astype(np.float32), terminated | truncated, infos
 
     def close(self) -> None:
+        """Ends the cradles' threads."""
         self.cradles.close()
 
     def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:
+        """An attribute, the same for all cradles."""
         return [getattr(self.cradles, attr_name)] * self.num_envs
 
     def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:
+        """Nothing can be set."""
         raise NotImplementedError
 
     def env_method(self, method_name: str, *arguments: Any, indices: Any = None, **keywords: Any) -> list[Any]:
+        """Single cradles have no methods."""
         raise NotImplementedError
 
     def env_is_wrapped(self, wrapper_class: type, indices: Any = None) -> list[bool]:
+        """Single cradles have no wrappers."""
         return [False] * self.num_envs
 
 
@@ -99,8 +119,9 @@ def train(algorithm: str, task: str, steps: int, seed: int, episodes: int) -> tu
     kind, _, numbers = ALGORITHMS[algorithm]
     # Angles, speeds and δ differ by orders of magnitude, and a step's reward is 1/600 at most: both are scaled.
     cradles = VecNormalize(Adapter(make(task, CRADLES)))
-    model = kind("MlpPolicy", cradles, learning_rate=lambda left: 1e-3 * left, seed=seed, device="cpu", **numbers)
-    progress = Progress(task, max(steps // 20, 1), episodes)
+    numbers = {"learning_rate": lambda left: 1e-3 * left, "policy_kwargs": {"net_arch": [64, 64]}, **numbers}
+    model = kind("MlpPolicy", cradles, seed=seed, device="cpu", **numbers)
+    progress = Progress(task, max(steps // 20, 2048), episodes)
     model.learn(steps, callback=progress)
     cradles.close()
     return model, np.array(progress.curve)
