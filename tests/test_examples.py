@@ -51,6 +51,65 @@ def test_the_film_is_made(tmp_path, monkeypatch, capsys):
             assert (picture.size, getattr(picture, "n_frames", 1)) == ((800, 600), frames)
 
 
+def pictures_of(name: str, monkeypatch, capsys, folder: Path, *arguments: str) -> tuple[str, set[str]]:
+    """What an example prints, and the pictures that it writes; every one of them is mentioned."""
+    monkeypatch.setattr(sys, "argv", [f"{name}.py", "--out", str(folder), *arguments])
+    monkeypatch.setattr(sys, "path", list(sys.path))
+    example(name)["main"]()
+    said, made = capsys.readouterr().out, {path.name for path in folder.iterdir()}
+    assert all(str(folder / picture) in said for picture in made)
+    return said, made
+
+
+@pytest.mark.parametrize("task", ["sustain", "synchronize"])
+def test_control_beats_every_fixed_setting(task, monkeypatch):
+    tasks = example("tasks")
+    fixed, by_hand = (
+        tasks["play"](task, policy, 4)["returns"]
+        for policy in (tasks["constant"](tasks["best_fixed"](task, 9, 2)), tasks["by_hand"](task))
+    )
+    assert (by_hand > fixed).all()
+
+
+def test_a_run_played_again_is_the_same():
+    tasks = example("tasks")
+    interval = tasks["SETTINGS"]["control_interval"]
+    seen = []
+
+    def policy(observations):
+        seen.append(observations[0, 5:10])
+        return tasks["by_hand"]("sustain")(observations)
+
+    played = tasks["play"]("sustain", policy, 1)
+    motion = tasks["again"]("sustain", played, 3, 3.0)
+    assert len(motion["time"]) == round(3.0 / interval) * 3
+    np.testing.assert_allclose(motion["theta"][2::3], seen[1:31], rtol=0, atol=1e-4)
+
+
+@pytest.mark.parametrize(("algorithm", "task"), [("PPO", "sustain"), ("SAC", "synchronize")])
+def test_agents_learn(algorithm, task, tmp_path, monkeypatch, capsys):
+    pytest.importorskip("stable_baselines3")
+    arguments = ("--algorithm", algorithm, "--task", task, "--steps", "64", "--episodes", "2")
+    said, made = pictures_of("train", monkeypatch, capsys, tmp_path, *arguments)
+    assert made == {f"{task}-{algorithm}-learning.png", f"{task}-{algorithm}-behaviour.png"}
+    assert f"{algorithm} learned for" in said
+
+
+def test_plans_are_better_than_fixed_settings(tmp_path, monkeypatch, capsys):
+    arguments = ("--task", "synchronize", "--candidates", "16", "--horizon", "1.5", "--episodes", "1")
+    said, made = pictures_of("plan", monkeypatch, capsys, tmp_path, *arguments)
+    assert made == {"synchronize-plan.png"}
+    gained = {name: float(said.split(name)[1].split()[1]) for name in ("best fixed δ", "planned")}
+    assert gained["planned"] > gained["best fixed δ"]
+
+
+def test_designs_are_found(tmp_path, monkeypatch, capsys):
+    pytest.importorskip("bayes_opt")
+    said, made = pictures_of("design", monkeypatch, capsys, tmp_path, *"--budget 7 --repeats 1 --columns 4".split())
+    assert made == {"design.png"}
+    assert "slowest, Bayesian: λ = " in said
+
+
 @pytest.mark.slow
 def test_the_demo_finds_the_truth(tmp_path):
     done = subprocess.run([sys.executable, EXAMPLES / "demo.py", "--out", tmp_path], capture_output=True, text=True)
