@@ -255,6 +255,20 @@ class State:
     seeds: list[int]
     ready: bool
 
+    def repeated(self, count: int) -> State:
+        """This state, of one environment, as that of a vector environment of `count`: for planners that try many
+        actions at once. What it shows is known from the next step on."""
+        *episodes, _ = (np.repeat(array, count, axis=0) for array in self.arrays)
+        observations = np.zeros((count, 4 * episodes[1].shape[1] + 3))
+        return State(
+            settings=self.settings * count,
+            cradles=self.cradles * count,
+            arrays=(*episodes, observations, np.maximum(episodes[3]["steps"], 0), np.zeros(count, bool)),
+            random=self.random * count,
+            seeds=self.seeds * count,
+            ready=self.ready,
+        )
+
 
 def check_render_mode(mode: str | None, metadata: dict[str, Any]) -> str | None:
     """The mode, if there is such a one; ValueError otherwise."""

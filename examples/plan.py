@@ -2,14 +2,13 @@
 
     python examples/plan.py [--task sustain|synchronize] [--candidates K] [--horizon S] [--out DIR]
 
-`get_state` of the cradle, repeated K times and given to `set_state` of K others, copies it exactly, the strings'
-memory and all. The copies try K courses of the spacer at once, the cross-entropy method draws better ones around the
+The state of the cradle, repeated K times and given to K others at once, copies it exactly, the strings' memory and
+all. The copies try K courses of the spacer at once, the cross-entropy method draws better ones around the
 best of them, and the cradle makes the first moves of what it finds. Nothing is learned. The tasks are those of
 examples/tasks.py.
 """
 
 import argparse
-import dataclasses
 import sys
 import time
 from pathlib import Path
@@ -26,12 +25,6 @@ from tasks import HELD_OUT, SETTINGS, TASKS, baselines, draw_behaviour, line, ma
 MADE, ROUNDS, BEST = 2, 3, 8
 
 
-def copies(state: Any, count: int) -> Any:
-    """The state of one cradle as that of many."""
-    arrays = tuple(np.repeat(array, count, axis=0) for array in state.arrays)
-    return dataclasses.replace(state, arrays=arrays, random=[None] * count)
-
-
 def returns_of(courses: np.ndarray, state: Any, imagined: VectorEnv) -> np.ndarray:
     """What each of the courses (K, moves) returns from a state, up to the end of the episode."""
     imagined.set_state(state)  # type: ignore[attr-defined]
@@ -46,7 +39,7 @@ def returns_of(courses: np.ndarray, state: Any, imagined: VectorEnv) -> np.ndarr
 def planned(course: np.ndarray, state: Any, imagined: VectorEnv, rng: np.random.Generator) -> np.ndarray:
     """A better course of the spacer than `course` (moves,), by the cross-entropy method."""
     count = imagined.num_envs
-    state = copies(state, count)
+    state = state.repeated(count)
     mean, spread = course, np.full(len(course), 0.8)
     best, most = course, -np.inf
     for _ in range(ROUNDS):
