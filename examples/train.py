@@ -37,7 +37,7 @@ from tasks import (
     line,
     make,
     play,
-)  # fmt: skip
+)
 
 #: Cradles at once.
 CRADLES = 16
@@ -139,7 +139,7 @@ def draw_learning(curve: np.ndarray, levels: dict[str, float], name: str, path: 
         panel.axhline(level, color=colour, ls=style, lw=width, label=method, zorder=1)
     panel.set(xlabel="control intervals seen in training [thousands]", ylabel="return of an episode")
     panel.set_xlim(0.0, None)
-    panel.legend(frameon=False, loc="center right")
+    panel.legend(facecolor="white", framealpha=1.0, edgecolor="none", loc="center right")
     figure.savefig(path, dpi=150)
 
 

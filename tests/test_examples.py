@@ -103,6 +103,21 @@ def test_plans_are_better_than_fixed_settings(tmp_path, monkeypatch, capsys):
     assert gained["planned"] > gained["best fixed δ"]
 
 
+def test_copies_of_a_cradle_move_like_it(monkeypatch):
+    monkeypatch.setattr(sys, "path", list(sys.path))
+    plan = example("plan")
+    cradle, imagined = plan["make"]("sustain", 1), plan["make"]("sustain", 3)
+    cradle.reset(seed=5)
+    imagined.reset(seed=0)
+    actions = np.random.default_rng(0).uniform(-1.0, 1.0, 60)
+    for action in actions[:30]:
+        cradle.step(np.array([[action]]))
+    imagined.set_state(plan["copies"](cradle.get_state(), 3))
+    for action in actions[30:]:
+        seen = imagined.step(np.full((3, 1), action))[0]
+        np.testing.assert_array_equal(seen, np.repeat(cradle.step(np.array([[action]]))[0], 3, axis=0))
+
+
 def test_designs_are_found(tmp_path, monkeypatch, capsys):
     pytest.importorskip("bayes_opt")
     said, made = pictures_of("design", monkeypatch, capsys, tmp_path, *"--budget 7 --repeats 1 --columns 4".split())
