@@ -11,7 +11,7 @@ import numpy as np
 from gymnasium import error, logger
 
 from cradle_env.cradle import Cradle
-from cradle_env.episodes import INFO, OVER, REWARD, SYNCHRONIZED, Episodes, check_status
+from cradle_env.episodes import EPISODE_ARRAYS, INFO, OVER, REWARD, SYNCHRONIZED, Episodes, check_status
 from cradle_env.mechanics.control import BAD_ACTION
 from cradle_env.settings import Settings
 from cradle_env.spaces import action_space, observation_space
@@ -256,14 +256,17 @@ class State:
     ready: bool
 
     def repeated(self, count: int) -> State:
-        """This state, of one environment, as that of a vector environment of `count`: for planners that try many
-        actions at once. What it shows is known from the next step on."""
-        *episodes, _ = (np.repeat(array, count, axis=0) for array in self.arrays)
-        observations = np.zeros((count, 4 * episodes[1].shape[1] + 3))
+        """This state of a single environment as that of a vector environment of `count`, for planners that try many
+        actions at once; from a scalar environment, it shows nothing before the next step."""
+        repeated = [np.repeat(array, count, axis=0) for array in self.arrays]
+        episodes, more = repeated[:EPISODE_ARRAYS], repeated[EPISODE_ARRAYS:]
+        if len(more) == 1:  # a scalar environment keeps its impacts
+            shown = np.zeros((count, 4 * episodes[1].shape[1] + 3))
+            more = [shown, np.maximum(episodes[3]["steps"], 0), np.zeros(count, bool)]
         return State(
             settings=self.settings * count,
             cradles=self.cradles * count,
-            arrays=(*episodes, observations, np.maximum(episodes[3]["steps"], 0), np.zeros(count, bool)),
+            arrays=(*episodes, *more),
             random=self.random * count,
             seeds=self.seeds * count,
             ready=self.ready,

@@ -20,6 +20,8 @@ from cradle_env.synchronization import ENVELOPE_PERIODS, FLOOR, WINDOW
 #: Columns of `report` that an info shows.
 INFO: tuple[str, ...] = control.REPORT[: control.REPORT.index("reward")]
 REWARD, SYNCHRONIZED, OVER = (control.REPORT.index(name) for name in ("reward", "synchronized", "over"))
+#: How many arrays `Episodes.arrays` are.
+EPISODE_ARRAYS = 6
 # Integration step over that of `simulate`: 1e-8 rad instead of 1e-10 over 10 s.
 _STEP_FACTOR = 2.0
 # Samples of σ are taken at least as often as `simulate` does by default [1/s].

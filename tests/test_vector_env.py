@@ -501,3 +501,18 @@ def test_memory_does_not_grow(kind: str) -> None:
     run(100_000 // (2 if kind == "vector" else 1))
     # 50 bytes a step of each; an info kept of every step would be 20 times as much.
     assert resident() - before < 5e6
+
+
+def test_a_state_repeated_goes_on_as_the_one_it_is_of() -> None:
+    one, many = gym.make("NewtonCradle-v0", bobs=3).unwrapped, gym.make_vec("NewtonCradle-v0", num_envs=4, bobs=3)
+    one.reset(seed=1)
+    many.reset(seed=5)
+    actions = np.random.default_rng(0).uniform(-1, 1, (60, 2)).astype(np.float32)
+    for action in actions[:30]:
+        one.step(action)
+    many.set_state(one.get_state().repeated(4))
+    for action in actions[30:]:
+        observation, reward, *_ = one.step(action)
+        observations, rewards, *_ = many.step(np.tile(action, (4, 1)))
+        np.testing.assert_array_equal(observations, np.tile(observation, (4, 1)))
+        np.testing.assert_array_equal(rewards, [reward] * 4)
