@@ -140,7 +140,8 @@ class NewtonCradleEnv(gym.Env[np.ndarray, np.ndarray]):
         self._shape = (1, *self.observation_space.shape)
         self._dtype = self.settings.dtype
         self._reward = None if isinstance(self.settings.reward, str) else self.settings.reward
-        self._info: dict[str, float] = {}
+        self._action_shape = self.action_space.shape
+        self._begun = False
         self._view = None if render_mode is None else View(render_mode, self.metadata["render_fps"], self.settings)
         self._ready, self._closed = False, False
 
@@ -155,32 +156,31 @@ class NewtonCradleEnv(gym.Env[np.ndarray, np.ndarray]):
         cradle, angle = settings.drawn(self.np_random, posterior)
         observation = np.empty(self._shape, self._dtype)
         self._episodes.begin(0, settings, cradle, angle, observation)
-        self._ready = True
-        self._info = self._shown()
+        self._ready = self._begun = True
         if self._view is not None:
             self._view.begin()
             if self.render_mode == "human":
                 self.render()
-        return observation[0], self._info.copy()
+        return observation[0], self._shown()
 
     def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
         """One control interval."""
         if not self._ready:
             self._refuse()
-        if not isinstance(action, np.ndarray) or action.shape != self.action_space.shape or action.dtype.kind != "f":
+        if not isinstance(action, np.ndarray) or action.shape != self._action_shape or action.dtype.kind != "f":
             action = self.settings.checked_action(action)
         self._action[0] = action
+        before = None if self._reward is None else self._shown()
         observation = np.empty(self._shape, self._dtype)
         status = self._stepper.step(self._action, observation, 0, 1)
         if status:
             if status == BAD_ACTION:
                 self.settings.checked_action(action)
             self._ready = False
-            check_status(status, self._info["time"])
+            check_status(status, self._shown()["time"])
         row = self._episodes.report[0].tolist()
         info = dict(zip(INFO, row))  # noqa: B905  the first part of the report
-        reward = row[REWARD] if self._reward is None else float(self._reward(self._info, info))
-        self._info = info.copy()  # whoever gets an info may change it
+        reward = row[REWARD] if before is None else float(self._reward(before, info.copy()))  # type: ignore[misc]
         if self._view is not None:
             self._view.follow(info, self.impacts)
             if self.render_mode == "human":
@@ -192,9 +192,9 @@ class NewtonCradleEnv(gym.Env[np.ndarray, np.ndarray]):
         if self._view is None:
             logger.warn('nothing to render: make the environment with render_mode="human", "rgb_array" or "ansi"')
             return None
-        if self._closed or not self._info:
+        if self._closed or not self._begun:
             self._refuse()
-        return self._view.render(self._episodes, 0, self._info)
+        return self._view.render(self._episodes, 0, self._shown())
 
     def close(self) -> None:
         """Closes the window; no step afterwards."""
@@ -205,9 +205,9 @@ class NewtonCradleEnv(gym.Env[np.ndarray, np.ndarray]):
     @property
     def impacts(self) -> np.ndarray:
         """Impacts of the last step: time [s], pair (i: bobs i and i + 1), speed [m/s], loss [J]."""
-        if not self._info:
+        if not self._begun:
             self._refuse()
-        return self._stepper.rows(int(self._info["impacts"]))
+        return self._stepper.rows(int(self._shown()["impacts"]))
 
     def get_state(self) -> State:
         """The whole state, motion, hysteresis memory, random numbers and all; `set_state` puts it back."""
@@ -230,7 +230,7 @@ class NewtonCradleEnv(gym.Env[np.ndarray, np.ndarray]):
         self._stepper.impacts[:] = impacts
         self.np_random.bit_generator.state = state.random[0]  # type: ignore[assignment]
         self._np_random_seed = state.seeds[0]
-        self._info, self._ready = self._shown() if state.ready else {}, state.ready
+        self._ready = self._begun = state.ready
         if self._view is not None:
             self._view.begin()
 

@@ -168,7 +168,7 @@ class Likelihood:
 def with_values(cradle: Cradle, values: Mapping[str, float]) -> dict[str, dict[str, Any]]:
     """The cradle's effects with the values of "effect.key" and "effect.key[i]" put in; where the numbers of a parameter
     sum to 0, the last is what the others leave."""
-    effects = {name: dict(known) for name, known in cradle.effects.items()}
+    effects: dict[str, dict[str, Any]] = {name: dict(known) for name, known in cradle.effects.items()}
     for effect in cradle.composition:
         for p in effect.parameters:
             name = f"{effect.name}.{p.key}"

@@ -45,11 +45,12 @@ class Parameter:
     def checked(self, name: str, value: Any, bobs: int) -> float | tuple[float, ...]:
         """The value within its bounds; one for each bob or gap as a tuple, from a list or a single number."""
         several = isinstance(value, Sequence | np.ndarray) and not isinstance(value, str)
+        number: Any = value
         if not self.each:
             if several:
                 raise ValueError(f"{name} takes one number [{self.unit}], not a list")
-            return check_range(name, value, self.unit, self.low, self.high)
-        values = list(value) if several else [value] * self.count(bobs)
+            return check_range(name, number, self.unit, self.low, self.high)
+        values = list(number) if several else [number] * self.count(bobs)
         if len(values) != self.count(bobs):
             raise ValueError(f"{name} has {len(values)} values; {bobs} bobs have {self.count(bobs)} {self.each}s")
         numbers = tuple(check_range(name, v, self.unit, self.low, self.high) for v in values)
