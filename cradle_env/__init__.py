@@ -39,13 +39,13 @@ if "NewtonCradle-v0" not in _registration.registry:
         entry_point="cradle_env.env:NewtonCradleEnv",
         vector_entry_point="cradle_env.vector_env:NewtonCradleVectorEnv",
         max_episode_steps=3600,
-        reward_threshold=2.0,
+        reward_threshold=2.85,  # the best that a spacer at rest can do is 2.75
     )
 if "NewtonCradleRelease-v0" not in _registration.registry:
     _registration.register(
         "NewtonCradleRelease-v0",
         entry_point="cradle_env.release_env:NewtonCradleReleaseEnv",
-        reward_threshold=0.15,
+        reward_threshold=0.2,
     )
 
 

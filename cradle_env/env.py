@@ -124,6 +124,9 @@ class NewtonCradleEnv(gym.Env[np.ndarray, np.ndarray]):
     ## Version history
 
     v0: first version.
+
+    A step raises `SimulationError` if the motion cannot be carried on: strings or bobs far from any cradle's, which
+    press and bounce without end.
     """
 
     metadata: dict[str, Any] = {"render_modes": ["human", "rgb_array", "ansi"], "render_fps": 60}  # noqa: RUF012  as Gymnasium declares it

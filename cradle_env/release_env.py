@@ -51,8 +51,9 @@ class NewtonCradleReleaseEnv(gym.Env[np.ndarray, np.ndarray]):
 
     ## Rewards
 
-    "synchronize": λ [1/s]; "sustain": −λ; or a function of the two infos, before and after. λ is a smooth function of
-    the release angle and a beating one of δ, least slightly below δ = 0: one global search of two numbers.
+    "synchronize": λ [1/s]; "sustain": −λ; or a function of the two infos, before and after. λ beats with δ and grows
+    with the angle; at small angles and δ > 0.03 it is rugged. With the default settings it lies between 0.07 1/s (at
+    δ = −0.02) and 0.31 1/s (near δ = 0.1, 0.06 rad).
 
     ## Episode end
 

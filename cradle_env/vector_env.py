@@ -54,6 +54,8 @@ class NewtonCradleVectorEnv(VectorEnv):
             if each is None
             else [Settings.of(**{**settings, **_mapping(own)}) for own in each]
         )
+        if render_mode == "human":
+            raise ValueError('render_mode is "human"; a window shows one cradle, so choose "rgb_array" or "ansi"')
         self.render_mode = check_render_mode(render_mode, NewtonCradleEnv.metadata)
         modes = [mode.value for mode in AutoresetMode]
         if not isinstance(autoreset_mode, AutoresetMode) and autoreset_mode not in modes:

@@ -111,7 +111,7 @@ def _step(cradle, bobs, table, S, W, angles, episode, ring, action, times, motio
     report[4] = episode.exponents / max(episode.exponent_count, 1)
     report[5], report[6] = count, fastest
     energies(cradle, bobs, S, episode, end, report)
-    report[13] = reward(episode, sigma, end - start)
+    report[13] = reward(episode, sigma, min(end, episode.duration) - start)
     report[14], report[15] = synchronized, end >= episode.duration - _EDGE
     return DONE
 
@@ -193,7 +193,7 @@ def sample_sigma(cradle, bobs, S, episode, ring, t):
 
 @jit
 def reward(episode, sigma, interval):
-    """The built-in rewards of an interval [s] that began with `sigma`; 0 for one that is computed elsewhere."""
+    """The built-in rewards of an interval [s], as far as the episode lasts, that began with `sigma`; 0 for one that is computed elsewhere."""
     passed = interval / episode.duration
     if episode.reward_kind == SYNCHRONIZE:
         return potential(episode, episode.sigma) - potential(episode, sigma) - passed
