@@ -43,7 +43,7 @@ from tasks import (
 CRADLES = 16
 ALGORITHMS: dict[str, tuple[Any, int, dict[str, Any]]] = {
     "PPO": (PPO, 400_000, {"n_steps": 256, "batch_size": 512, "n_epochs": 10}),
-    "SAC": (SAC, 100_000, {"train_freq": 4, "gradient_steps": 32, "learning_starts": 3000, "gamma": 0.98}),
+    "SAC": (SAC, 80_000, {"train_freq": 4, "gradient_steps": 16, "learning_starts": 3000, "ent_coef": 0.01}),
 }
 
 
