@@ -193,7 +193,8 @@ def sample_sigma(cradle, bobs, S, episode, ring, t):
 
 @jit
 def reward(episode, sigma, interval):
-    """The built-in rewards of an interval [s], as far as the episode lasts, that began with `sigma`; 0 for one that is computed elsewhere."""
+    """The built-in rewards of an interval [s], as far as the episode lasts, that began with `sigma`; 0 for one that is
+    computed elsewhere."""
     passed = interval / episode.duration
     if episode.reward_kind == SYNCHRONIZE:
         return potential(episode, episode.sigma) - potential(episode, sigma) - passed

@@ -54,7 +54,7 @@ from cradle_env.mechanics.strings import slacken, stretch, turn
 # What a run can end with.
 DONE, FULL, STALLED, NOT_FINITE = 0, 1, 2, 3
 # So many events without this much progress [s] are a stall.
-_STALL_EVENTS, _STALL_TIME = 20000, 1e-3
+_STALL_EVENTS, _STALL_TIME = 20000, 1e-2
 _FIRST = np.int64(0)
 
 
