@@ -15,7 +15,7 @@ from identification.experiment import Experiment
 from identification.measurement import Instrument
 from identification.noise import noise_of
 from identification.runs import Run
-from identification.unknowns import Unknown, model_unknowns, run_unknowns
+from identification.unknowns import Unknown, model_unknowns, run_unknowns, with_value
 
 #: Sampling of θ_n for σ and λ [1/s].
 LAMBDA_RATE = 240.0
@@ -73,7 +73,7 @@ class Likelihood:
         for u in self.of_model:
             if "." in u.name:
                 name, key = u.name.split(".")
-                effects[name][key] = values[u.name]
+                effects[name] = with_value(effects[name], key, values[u.name])
         return cradle.replace(**fields, effects=effects)
 
     def beginning(self, values: Mapping[str, float], index: int) -> tuple[Release | InitialState, float]:

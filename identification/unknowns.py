@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -115,11 +116,32 @@ def _field_unknown(cradle: Cradle, name: str, prior: Prior | None) -> Unknown:
     )  # fmt: skip
 
 
+def element_of(key: str) -> tuple[str, int | None]:
+    """("offset", 0) of "offset[1]": a parameter and which of its values, all of them alike for "[*]" (−1), or None
+    for a parameter of one value."""
+    name, bracket, which = key.partition("[")
+    if not bracket:
+        return name, None
+    return name, -1 if which == "*]" else int(which[:-1]) - 1
+
+
+def with_value(known: Mapping[str, Any], key: str, value: float) -> dict[str, Any]:
+    """The values of an effect with one more: of "c2", of "offset[1]" among several, or of all alike, "offset[*]"."""
+    name, element = element_of(key)
+    if element is None:
+        return {**known, name: value}
+    several = list(known[name])
+    several = [value] * len(several) if element < 0 else [*several[:element], value, *several[element + 1 :]]
+    return {**known, name: several}
+
+
 def _effect_unknown(cradle: Cradle, name: str, prior: Prior | None) -> Unknown:
-    effect_name, key = name.split(".")
+    effect_name, address = name.split(".")
+    key, element = element_of(address)
     declared = next(e for e in cradle.composition if e.name == effect_name)
     p = next(p for p in declared.parameters if p.key == key)
-    start = cradle.effects.get(effect_name, {}).get(key, p.scale)
+    start: Any = cradle.effects.get(effect_name, {}).get(key, p.scale)
+    start = start if element is None else start[max(element, 0)]
     unknown = Unknown(name, p.unit, p.symbol, start, low=p.low, high=p.high, search=p.scale)
     return unknown if prior is None else _with_prior(unknown, prior)
 
