@@ -13,7 +13,6 @@ from scipy.stats import truncnorm
 
 from cradle_env import __version__
 from cradle_env.cradle import Cradle
-from cradle_env.effects import effect
 from identification.diagnose.advise import Advice
 from identification.diagnose.decide import coloured
 from identification.diagnose.fitted import Fitted
@@ -145,6 +144,8 @@ class Diagnosis:
             "probability": step.probability,
             "gap_before": step.before.held_out_gap(),
             "gap_after": step.after.held_out_gap(),
+            "train_before": step.before.training_gap(),
+            "train_after": step.after.training_gap(),
         }
 
     def _candidates(self) -> list[dict[str, Any]]:
@@ -211,7 +212,3 @@ def described(where: tuple[dict, ...]) -> str:
     begin, end = worst["t"]
     return f"most of all in {worst['run']} at {bob}, {begin:.3g} to {end:.3g} s, phase {worst['phase']}"
 
-
-def equation(name: str) -> str:
-    """How an effect enters, as declared."""
-    return effect(name).equation

@@ -118,6 +118,10 @@ class Fitted:
         """The gap on what was held out."""
         return self.gap(training_rows(self.experiment)[1])
 
+    def training_gap(self) -> float:
+        """The gap on the training part."""
+        return self.gap(training_rows(self.experiment)[0])
+
     def replicates(self, count: int, rng: np.random.Generator, estimated: tuple[bool, ...]) -> np.ndarray:
         """Residuals that refits to data of this very model would leave, (R + P, count): a projection each.
 

@@ -10,6 +10,7 @@ import functools
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.special import gammaln
 from scipy.stats import chi2
 
 from cradle_env.simulation import simulate
@@ -58,8 +59,17 @@ class Located:
 
 
 def surprise(statistic: np.ndarray | float, degrees: int) -> np.ndarray:
-    """−log10 of the tail of χ² with so many degrees of freedom."""
-    return -chi2.logsf(statistic, degrees) / np.log(10.0)
+    """−log10 of the tail of χ² with so many degrees of freedom, also where the tail is no number any more."""
+    return -log_tail(statistic, degrees) / np.log(10.0)
+
+
+def log_tail(statistic: np.ndarray | float, degrees: int) -> np.ndarray:
+    """ln of the tail of χ², (x/2)^(k/2 − 1) e^(−x/2)/Γ(k/2) · 1/(1 − (k − 2)/x) far out."""
+    x = np.asarray(statistic, dtype=float)
+    near = chi2.logsf(np.minimum(x, degrees + 600.0), degrees)
+    far = np.maximum(x, degrees + 600.0)
+    tail = (degrees / 2 - 1) * np.log(far / 2) - far / 2 - gammaln(degrees / 2) - np.log1p(-(degrees - 2) / far)
+    return np.where(x < degrees + 600.0, near, tail)
 
 
 def locate(fitted: Fitted, replicates: np.ndarray) -> Located:

@@ -11,7 +11,6 @@ import itertools
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import chi2
 
 from cradle_env.simulation import SimulationError, in_threads
 from identification.diagnose.candidates import (
@@ -26,6 +25,7 @@ from identification.diagnose.candidates import (
     with_effects,
 )
 from identification.diagnose.fitted import Fitted, span
+from identification.diagnose.locate import log_tail
 from identification.diagnose.search import Searcher, flat, placed
 
 #: First strength of the finite differences, in scales; then one that moves readings by this share of the noise.
@@ -92,7 +92,7 @@ def score(fitted: Fitted, searcher: Searcher, replicates: np.ndarray) -> Scored:
 
 def surprise_of(gain: np.ndarray, degrees: int, sided: bool) -> np.ndarray:
     """−log10 p of a gain in χ²: half of it can be had by a strength of one sign only."""
-    tail = chi2.logsf(np.maximum(gain, 0.0), max(degrees, 1))
+    tail = log_tail(np.maximum(gain, 0.0), max(degrees, 1))
     if sided:
         tail = tail + np.log(np.where(gain > 0.0, 0.5, 1.0))
     return -tail / np.log(10.0)

@@ -15,9 +15,9 @@ from cradle_env.simulation import SimulationError
 from identification.diagnose.candidates import Candidate, Values, starts, with_effects
 from identification.diagnose.fitted import Fitted
 from identification.experiment import Experiment
+from identification.files import json_text, write_together
 from identification.fit import Progress, bounds, early_rows, find_mode, refine, training_rows
 from identification.likelihood import Likelihood
-from identification.results import write_json
 
 #: Strengths at which a search starts, in scales of the parameter.
 _FACTORS = (0.1, 1.0, 3.0)
@@ -42,7 +42,8 @@ class Store:
         if key not in self.points:
             self.points[key] = [float(z) for z in find()]
             if self.path is not None:
-                write_json(self.path, {"inputs": self.inputs, "points": self.points})
+                text = json_text({"inputs": self.inputs, "points": self.points})
+                write_together(self.path.parent, {self.path.name: text})
         return np.array(self.points[key])
 
 
