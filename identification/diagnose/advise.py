@@ -82,9 +82,11 @@ def advise(models: Sequence[Fitted], separates: Sequence[tuple[str, ...]]) -> Ad
 def _view(
     fitted: Fitted, release: Release, delta: float, bobs: int, duration: float, noise: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """(residual readings over the noise (R,), their derivatives (R, D), C⁻¹ (D, D)) of a model in a new experiment."""
+    """(residuals over the noise (R,), their derivatives (R, D), C⁻¹ (D, D)) of a model in a new experiment."""
     times = np.arange(int(duration * _RATE) + 1) / _RATE
-    run = Run(times, np.zeros((len(times), bobs)), release=ReleaseInfo(release, angle_sd=1e-3), noise=noise, delta=delta)
+    run = Run(
+        times, np.zeros((len(times), bobs)), release=ReleaseInfo(release, angle_sd=1e-3), noise=noise, delta=delta
+    )
     old = fitted.experiment
     cradle = fitted.cradle.replace(bobs=bobs, delta=delta)
     new = Experiment(cradle, (run,), old.infer, old.unknown_effect_parameters, digest="plan")

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from cradle_env.cradle import Cradle
-from cradle_env.effects import CATALOGUE, Effect, Parameter, effect
+from cradle_env.effects import Effect, Parameter, effect, known_effects
 from identification.experiment import Experiment
 
 Values = Mapping[str, Any]
@@ -37,9 +37,9 @@ class Candidate:
 
 
 def candidates(cradle: Cradle) -> list[Candidate]:
-    """All effects of the catalogue that the cradle does not have, and that can matter to it."""
+    """All known effects that the cradle does not have, and that can matter to it."""
     found = []
-    for declared in CATALOGUE:
+    for declared in known_effects():
         if cradle.has(declared.name) or (cradle.bobs == 1 and not _matters_alone(declared)):
             continue
         chain = tuple(name for name in _chain(declared) if not cradle.has(name))
@@ -128,9 +128,7 @@ def with_effects(
     kept = {name: values for name, values in cradle.effects.items() if name.removeprefix("-") not in added}
     new = cradle.replace(effects={**kept, **added})
     if unknown is None:
-        unknown = tuple(
-            name for e in map(effect, added) for p in e.parameters for name in names_of(e, p, cradle.bobs)
-        )
+        unknown = tuple(name for e in map(effect, added) for p in e.parameters for name in names_of(e, p, cradle.bobs))
     more = tuple(name for name in unknown if name not in experiment.unknown_effect_parameters)
     return dataclasses.replace(
         experiment, cradle=new, unknown_effect_parameters=(*experiment.unknown_effect_parameters, *more)

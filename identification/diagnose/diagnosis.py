@@ -211,4 +211,3 @@ def described(where: tuple[dict, ...]) -> str:
     bob = "all bobs" if worst["bob"] is None else f"bob {worst['bob']}"
     begin, end = worst["t"]
     return f"most of all in {worst['run']} at {bob}, {begin:.3g} to {end:.3g} s, phase {worst['phase']}"
-

@@ -7,6 +7,7 @@ it would follow for white noise; what unknowns absorb, and how many places there
 from __future__ import annotations
 
 import functools
+import itertools
 from dataclasses import dataclass
 
 import numpy as np
@@ -76,11 +77,11 @@ def locate(fitted: Fitted, replicates: np.ndarray) -> Located:
     """Scans all places; replicates: (R + P, M), see `Fitted.replicates`."""
     places = all_places(fitted)
     found = np.array([float(place.surprise(fitted.residuals)) for place in places])
-    replicas = functools.reduce(np.maximum, (place.surprise(replicates) for place in places))
+    replicas = np.max([place.surprise(replicates) for place in places], axis=0)
     by_size = np.argsort(-found)
     where = []
     for i in by_size[:_MOST_SHOWN]:
-        p = share(replicas, found[i])
+        p = share(replicas, float(found[i]))
         if p <= 0.05:
             where.append(_described(fitted, places[i], float(found[i]), p))
     largest = float(found[by_size[0]])
@@ -125,7 +126,7 @@ def all_places(fitted: Fitted) -> list[Place]:
                     basis = np.full((len(inside), 1), len(inside) ** -0.5)
                     places.append(add(whole, f"{360 * s // _SECTORS}–{360 * (s + 1) // _SECTORS}°", inside, basis))
             edges = np.linspace(*whole, max(1, round((whole[1] - whole[0]) / width)) + 1)
-            for low, high in zip(edges[:-1], edges[1:], strict=True):
+            for low, high in itertools.pairwise(edges):
                 window = (time >= low) & ((time < high) | (high == whole[1]))
                 flight, impact = window & ~close, window & close
                 if flight.sum() >= 4 * (2 * _HARMONICS + 1):

@@ -23,7 +23,7 @@ _MOST_BOBS, _CLOSE_UP = 5, 4.0
 @styled
 def map_figure(examined: Examined) -> Figure:
     """Surprise of every window of every bob, in flight and near impacts."""
-    from matplotlib.colors import Normalize
+    from matplotlib.colors import SymLogNorm
     from matplotlib.figure import Figure
 
     runs = [k for k in range(len(examined.fitted.experiment.runs)) if (examined.fitted.readings.run == k).any()]
@@ -34,7 +34,8 @@ def map_figure(examined: Examined) -> Figure:
     bobs = sorted({place.bob for place, _ in places})
     figure = Figure(figsize=(9.0, 0.9 + len(runs) * (0.7 + 0.42 * len(bobs))), layout="constrained")
     limit = float(np.quantile(examined.located.replicas, 0.95))
-    scale = Normalize(0.0, max(2.0 * limit, float(np.quantile([v for _, v in places], 0.98))))
+    most = max(2.0 * limit, float(np.quantile([v for _, v in places], 0.98)))
+    scale = SymLogNorm(2.0 * limit, vmin=0.0, vmax=most)
     grid = figure.subplots(len(runs), 1, squeeze=False)[:, 0]
     image = None
     for axes, k in zip(grid, runs, strict=True):
@@ -63,6 +64,7 @@ def map_figure(examined: Examined) -> Figure:
 def candidates_figure(diagnosis: Diagnosis) -> Figure:
     """χ² that each candidate should save, to first order, and what its refit did."""
     from matplotlib.figure import Figure
+    from scipy.stats import chi2
 
     first = diagnosis.repaired.examined[0]
     refits = diagnosis.repaired.decisions[0].refits if diagnosis.repaired.decisions else ()
@@ -77,8 +79,6 @@ def candidates_figure(diagnosis: Diagnosis) -> Figure:
             axes.plot(max(s.gain, 0.5), y, marker="o", color=BLUE, markersize=5.0, linestyle="")
         if name in gained:
             axes.plot(max(gained[name], 0.5), y, marker="D", color=RED, markersize=5.0, linestyle="", fillstyle="none")
-    from scipy.stats import chi2
-
     axes.axvline(float(chi2.isf(10.0**-threshold, 1)), color=GREY, linestyle="--")
     axes.plot([], [], marker="o", color=BLUE, linestyle="", label="first order")
     axes.plot([], [], marker="D", color=RED, linestyle="", fillstyle="none", label="refitted")
@@ -121,9 +121,6 @@ def comparison_figure(diagnosis: Diagnosis) -> Figure:
                 right.axvspan(run.times[held[k]][0], t[-1], color=BLUE, alpha=0.08, linewidth=0)
             right.set_title(f"bob {bob + 1}, model {title}")
             left.set_title(f"last swings, model {title}")
-    limit = max(4.0, float(np.nanmax(np.abs(np.nan_to_num(models[0] - run.readings[rows])))) / before.likelihood.noise[k])
-    for axes in grid[::2, 1]:
-        axes.set_ylim(-1.05 * limit, 1.05 * limit)
     for axes in grid[-1]:
         axes.set_xlabel("time [s]")
     return figure

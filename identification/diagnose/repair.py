@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from cradle_env.effects import effect
 from cradle_env.simulation import SimulationError
 from identification.diagnose.candidates import Candidate, candidates, without_effect
 from identification.diagnose.decide import ALPHA, CLOSE, Decision, coloured, decide, judged
@@ -16,8 +18,8 @@ from identification.diagnose.score import Scored, score
 from identification.diagnose.search import Searcher
 from identification.fit import Progress
 
-#: Replicates of each model, and how many effects may be added.
-REPLICATES, _MOST_STEPS = 400, 6
+#: Replicates of each model, how many effects may be added, and global searches for a model that seems to fail.
+REPLICATES, _MOST_STEPS, _ATTEMPTS = 400, 6, 4
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,13 +73,22 @@ def examine(fitted: Fitted, searcher: Searcher, seed: int, estimated: tuple[bool
     return Examined(fitted, located, scored, float((1 + np.sum(of_replicates < of_data)) / (1 + len(of_replicates))))
 
 
+def examine_settled(fitted: Fitted, searcher: Searcher, seed: int, estimated: tuple[bool, ...]) -> Examined:
+    """Examines a model; where it leaves more than noise, first makes sure that no better mode of it explains that."""
+    found = examine(fitted, searcher, seed, estimated)
+    if not found.significant:
+        return found
+    better = min((searcher.globally(fitted.experiment, None, i) for i in range(1, _ATTEMPTS)), key=lambda f: f.chi2)
+    return examine(better, searcher, seed, estimated) if better.chi2 < fitted.chi2 - 1.0 else found
+
+
 def repair(
     fitted: Fitted, searcher: Searcher, seed: int, estimated: tuple[bool, ...], tell: Progress
 ) -> Repaired:  # fmt: skip
     """Adds the most probable effect as long as the model leaves more than noise and an effect helps; then tries what
     was added for removal, and for exchange against what was nearly as good."""
     tell("locate", 0.0, "where model and data part")
-    examined = [examine(fitted, searcher, seed, estimated)]
+    examined = [examine_settled(fitted, searcher, seed, estimated)]
     decisions: list[Decision] = []
     steps: list[Step] = []
     while examined[-1].significant and len(steps) < _MOST_STEPS:
@@ -88,7 +99,8 @@ def repair(
             break
         steps += _steps(now.fitted, decision, searcher)
         tell("locate", 0.0, f"what is left with {steps[-1].effect}")
-        examined.append(examine(steps[-1].after, searcher, seed, estimated))
+        examined.append(examine_settled(steps[-1].after, searcher, seed, estimated))
+        steps[-1] = dataclasses.replace(steps[-1], after=examined[-1].fitted)
     last, kept, removed = _without_the_needless(examined[-1], steps, searcher, seed, estimated)
     alternatives = _exchanges(last, kept, decisions, searcher, tell)
     return Repaired(tuple(examined), tuple(decisions), tuple(kept), tuple(removed), alternatives, last)
@@ -133,8 +145,6 @@ def _without_the_needless(
 
 
 def _required(name: str) -> tuple[str, ...]:
-    from cradle_env.effects import effect
-
     return effect(name).requires
 
 
@@ -143,8 +153,7 @@ def _exchanges(
 ) -> tuple[tuple[str, ...], ...]:
     """Sets of effects that complete the other steps as well as those chosen, the chosen ones first."""
     inflation, effective = coloured(last.fitted)
-    doubtful: list[str] = []
-    rivals: list[tuple[str, ...]] = []
+    rivals: list[tuple[str, str]] = []
     for step in steps:
         others = _rivals(step, decisions)
         if not others or any(step.effect in _required(other.effect) for other in steps):
@@ -163,10 +172,10 @@ def _exchanges(
                 continue
             refit = judged(base, candidate, fit, last.scored.replicas, inflation, effective)
             if own - refit.log_evidence < CLOSE:
-                if step.effect not in doubtful:
-                    doubtful.append(step.effect)
-                rivals.append(tuple(candidate.name if s == step.effect else s for s in doubtful))
-    return (tuple(doubtful), *rivals) if doubtful else ()
+                rivals.append((step.effect, candidate.name))
+    doubtful = tuple(dict.fromkeys(own for own, _ in rivals))
+    exchanged = (tuple(rival if name == own else name for name in doubtful) for own, rival in rivals)
+    return (doubtful, *exchanged) if rivals else ()
 
 
 def _rivals(step: Step, decisions: Sequence[Decision]) -> list[Candidate]:

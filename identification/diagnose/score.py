@@ -28,8 +28,9 @@ from identification.diagnose.fitted import Fitted, span
 from identification.diagnose.locate import log_tail
 from identification.diagnose.search import Searcher, flat, placed
 
-#: First strength of the finite differences, in scales; then one that moves readings by this share of the noise.
-_STEP, _MOVED = 1e-3, 0.3
+#: First strength of the finite differences, in scales; then one that moves readings by this share of the noise;
+#: and how often it is sought.
+_STEP, _MOVED, _TRIES = 1e-3, 0.3, 4
 #: Candidates whose sensitivities after projection are this parallel cannot be told apart to first order.
 PARALLEL = 0.98
 
@@ -84,7 +85,10 @@ def score(fitted: Fitted, searcher: Searcher, replicates: np.ndarray) -> Scored:
         replicas = np.maximum(replicas, surprise_of(chance, degrees, sided))
         own = float(surprise_of(np.array(best), degrees, sided))
         found.append((candidate, best, degrees, sided, own, tuple(directions)))
-    scores = [Score(*entry[:5], family_p(entry[4], replicas), _parallel(entry, found), entry[5]) for entry in found]
+    scores = [
+        Score(candidate, gain, degrees, sided, own, family_p(own, replicas), _parallel(candidate, found), directions)
+        for candidate, gain, degrees, sided, own, directions in found
+    ]
     scores.sort(key=lambda s: -s.surprise)
     largest = scores[0].surprise if scores else 0.0
     return Scored(tuple(scores), family_p(largest, replicas), largest, replicas)
@@ -127,14 +131,15 @@ def _seen(fitted: Fitted, S: np.ndarray) -> np.ndarray | None:
     return span(left[:, kept])
 
 
-def _parallel(entry: tuple, others: list[tuple]) -> tuple[str, ...]:
+def _parallel(candidate: Candidate, found: list[tuple]) -> tuple[str, ...]:
     """Names of other candidates that hold nearly the same direction."""
+    own = next(entry[-1] for entry in found if entry[0] is candidate)
     names = []
-    for other in others:
-        if other[0] is not entry[0]:
-            cosines = [np.linalg.norm(A.T @ B, 2) for A, B in itertools.product(entry[5], other[5])]
+    for other, *_, directions in found:
+        if other is not candidate:
+            cosines = [np.linalg.norm(A.T @ B, 2) for A, B in itertools.product(own, directions)]
             if cosines and max(cosines) >= PARALLEL:
-                names.append(other[0].name)
+                names.append(other.name)
     return tuple(names)
 
 
@@ -165,8 +170,8 @@ def _column(fitted: Fitted, searcher: Searcher, candidate: Candidate, shape: dic
     """d residuals / d strength of one value of a parameter, (R + P,), by a step that the noise would just show."""
     declared, bobs = candidate.declaration, fitted.cradle.bobs
     absent = {p.key: filled(p, p.absent, bobs) for p in declared.parameters if is_strength(p)}
-    step = _STEP
-    while True:
+    step, found = _STEP, None
+    for _ in range(_TRIES):
         value = min(max(strength(parameter, step), parameter.low), parameter.high)
         values = {**absent, **shape, parameter.key: value}
         if element is not None:
@@ -177,10 +182,12 @@ def _column(fitted: Fitted, searcher: Searcher, candidate: Candidate, shape: dic
             point = placed(likelihood, {**stated, **fitted.values, **flat(declared.name, values)})
             moved = likelihood.residuals(point)[: fitted.count] - fitted.residuals[: fitted.count]
         except (SimulationError, ValueError):
-            return None
+            break
         size = float(np.sqrt(np.mean(moved**2)))
         if size == 0.0 or not np.isfinite(size):
-            return None
-        if size < 3.0 * _MOVED and (step != _STEP or size > _MOVED / 3.0):
-            return np.concatenate([moved / step, np.zeros(len(fitted.residuals) - fitted.count)])
+            break
+        found = np.concatenate([moved / step, np.zeros(len(fitted.residuals) - fitted.count)])
+        if _MOVED / 3.0 < size < 3.0 * _MOVED:
+            break
         step *= _MOVED / size
+    return found

@@ -53,11 +53,11 @@ class Searcher:
     def __init__(self, store: Store, seed: int, workers: int | None):
         self.store, self.seed, self.workers = store, seed, workers
 
-    def globally(self, experiment: Experiment, tell: Progress | None = None) -> Fitted:
-        """The best mode of a model, from anywhere."""
-        likelihood = self.likelihood(experiment)
-        key = _key("globally", experiment, self.seed)
-        return Fitted(likelihood, self.store.point(key, lambda: find_mode(likelihood, self.seed, tell).point))
+    def globally(self, experiment: Experiment, tell: Progress | None = None, attempt: int = 0) -> Fitted:
+        """The best mode of a model, from anywhere; each attempt draws other starts."""
+        likelihood, seed = self.likelihood(experiment), self.seed + attempt
+        key = _key("globally", experiment, seed)
+        return Fitted(likelihood, self.store.point(key, lambda: find_mode(likelihood, seed, tell).point))
 
     def nearby(self, experiment: Experiment, values: Mapping[str, float]) -> Fitted:
         """The mode of a model that is reached from these values of its unknowns."""

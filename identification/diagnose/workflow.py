@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from cradle_env import __version__
 from cradle_env.simulation import SimulationError
 from identification.diagnose.advise import Advice, advise
 from identification.diagnose.candidates import candidates, without_effect
@@ -35,14 +36,15 @@ def diagnose(
     tell = progress or (lambda *_: None)
     estimated = tuple(run.noise is None for run in experiment.runs)
     known = with_known_noise(experiment)
-    store = Store(None if out is None else Path(out) / "fits.json", f"{experiment.digest}/{seed}")
+    store = Store(None if out is None else Path(out) / "fits.json", f"{__version__}/{experiment.digest}/{seed}")
     searcher = Searcher(store, seed, workers)
     _check(searcher, known)
     tell("search", 0.0, "the model as given")
     base = searcher.globally(known, tell)
     repaired = repair(base, searcher, seed, estimated, tell)
     tell("advise", 0.0, "the next experiment")
-    return Diagnosis(experiment, repaired, searcher.on_everything(repaired.last.fitted), _advice(repaired, searcher), seed)
+    final = searcher.on_everything(repaired.last.fitted)
+    return Diagnosis(experiment, repaired, final, _advice(repaired, searcher), seed)
 
 
 def _check(searcher: Searcher, experiment: Experiment) -> None:
