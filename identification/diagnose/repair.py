@@ -18,8 +18,8 @@ from identification.diagnose.score import Scored, score
 from identification.diagnose.search import Searcher
 from identification.fit import Progress
 
-#: Replicates of each model, how many effects may be added, and global searches for a model that seems to fail.
-REPLICATES, _MOST_STEPS, _ATTEMPTS = 400, 6, 4
+#: Replicates of each model, and how many effects may be added.
+REPLICATES, _MOST_STEPS = 400, 6
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,7 +78,7 @@ def examine_settled(fitted: Fitted, searcher: Searcher, seed: int, estimated: tu
     found = examine(fitted, searcher, seed, estimated)
     if not found.significant:
         return found
-    better = min((searcher.globally(fitted.experiment, None, i) for i in range(1, _ATTEMPTS)), key=lambda f: f.chi2)
+    better = searcher.settled(fitted)
     return examine(better, searcher, seed, estimated) if better.chi2 < fitted.chi2 - 1.0 else found
 
 

@@ -23,6 +23,9 @@ from identification.likelihood import Likelihood
 _FACTORS = (0.1, 1.0, 3.0)
 #: Evaluations by which starts are judged, and how many of them are then refined to the end.
 _FIRST, _LAST, _KEPT = 6, 40, 2
+#: Global searches for a model that seems to fail; relative steps of κ about the best, and how often they are taken.
+_ATTEMPTS, _CLIMBS = 3, 5
+_RUNGS = (0.0003, 0.0007, 0.0015, 0.003, 0.006)
 
 
 class Store:
@@ -58,6 +61,17 @@ class Searcher:
         likelihood, seed = self.likelihood(experiment), self.seed + attempt
         key = _key("globally", experiment, seed)
         return Fitted(likelihood, self.store.point(key, lambda: find_mode(likelihood, seed, tell).point))
+
+    def settled(self, fitted: Fitted) -> Fitted:
+        """The best mode of a model again, with more effort: other global searches, then fine steps of κ about the
+        best. With many bobs its modes lie a few 0.1 % apart, each a hundred times narrower."""
+        tried = [fitted, *(self.globally(fitted.experiment, None, i) for i in range(1, _ATTEMPTS))]
+        best = min(tried, key=lambda f: f.chi2)
+        if "kappa" not in best.likelihood.names:
+            return best
+        key = _key("settled", best.experiment, best.point.tolist())
+        point = self.store.point(key, lambda: climb(best.likelihood, best.point))
+        return Fitted(best.likelihood, point)
 
     def nearby(self, experiment: Experiment, values: Mapping[str, float]) -> Fitted:
         """The mode of a model that is reached from these values of its unknowns."""
@@ -119,6 +133,24 @@ def best_of(likelihood: Likelihood, tried: list[np.ndarray]) -> np.ndarray:
             distinct.append((point, cost))
     finished = [refine(likelihood, point, _LAST) for point, _ in distinct[:_KEPT]]
     return min(finished, key=lambda pair: pair[1])[0]
+
+
+def climb(likelihood: Likelihood, point: np.ndarray) -> np.ndarray:
+    """The best mode that fine steps of κ lead to, on and on; (D,)."""
+    k = likelihood.names.index("kappa")
+    cost = float(np.sum(likelihood.residuals(point) ** 2))
+    for _ in range(_CLIMBS):
+        reached = []
+        for step in (*_RUNGS, *(-rung for rung in _RUNGS)):
+            rung = point.copy()
+            rung[k] += step if likelihood.unknowns[k].log else step * point[k]
+            reached.append(refine(likelihood, np.clip(rung, *bounds(likelihood)), _FIRST))
+        best, least = min(reached, key=lambda pair: pair[1])
+        best, least = refine(likelihood, best, _LAST)
+        if least > cost - 1.0:
+            break
+        point, cost = best, least
+    return point
 
 
 def placed(likelihood: Likelihood, values: Mapping[str, float]) -> np.ndarray:

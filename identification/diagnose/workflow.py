@@ -6,7 +6,7 @@ from pathlib import Path
 
 from cradle_env import __version__
 from cradle_env.simulation import SimulationError
-from identification.diagnose.advise import Advice, advise
+from identification.diagnose.advise import Advice, advise, advise_on_lambda
 from identification.diagnose.candidates import candidates, without_effect
 from identification.diagnose.diagnosis import Diagnosis
 from identification.diagnose.fitted import Fitted, with_known_noise
@@ -57,9 +57,9 @@ def _check(searcher: Searcher, experiment: Experiment) -> None:
 
 
 def _advice(repaired: Repaired, searcher: Searcher) -> Advice | None:
-    """The experiment that tells equivalent sets apart; None where nothing is open."""
+    """The experiment that tells equivalent sets apart; without such, the one that makes λ certain."""
     if not repaired.alternatives:
-        return None
+        return advise_on_lambda(repaired.last.fitted)
     chosen, *others = repaired.alternatives
     last = repaired.last.fitted
     models: list[Fitted] = [last]
@@ -74,4 +74,4 @@ def _advice(repaired: Repaired, searcher: Searcher) -> Advice | None:
         except (SimulationError, ValueError, StopIteration):
             continue
         models.append(fit)
-    return advise(models, repaired.alternatives)
+    return advise(models, repaired.alternatives) if len(models) > 1 else None

@@ -1,6 +1,6 @@
 """Experiments with something hidden, for the study of diagnoses: python -m tests.independent.hidden FOLDER
 
-Written by the soft-contact reference, with contacts 40 times shorter than real ones so that impacts are as good as
+Written by the soft-contact reference, with contacts 250 times shorter than real ones so that impacts are as good as
 instantaneous; what the files state of k_f, kappa and b is up to 15 % off, and answers.json says what is hidden.
 """
 
@@ -33,7 +33,7 @@ def write_case(folder: Path, name: str, kind: str, seed: int) -> dict:
         "kappa": float(rng.uniform(160.0, 240.0)),
         "b": float(10 ** rng.uniform(-3, -2.3)),
     }
-    effects, factor = {}, 1e4
+    effects, factor = {}, 1e6
     declared = HIDDEN[kind]
     if declared is not None:
         key, low, high = declared
