@@ -1,7 +1,8 @@
 """The experimenter: measured runs of a Newton's cradle in, its parameters and λ with their uncertainty out.
 
-from identification import Experiment, calibrate
+from identification import Experiment, calibrate, diagnose
 posterior = calibrate(Experiment.load("experiment.toml"))
+diagnosis = diagnose(Experiment.load("experiment.toml"))
 posterior.summary(), posterior.newton_exponent(), posterior.predict(delta=1e-3)
 """
 
@@ -12,6 +13,7 @@ _PUBLIC = {
     "Experiment": "experiment",
     "Posterior": "posterior",
     "calibrate": "calibration",
+    "diagnose": "diagnose",
 }
 
 __all__ = [*_PUBLIC]

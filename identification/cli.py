@@ -163,6 +163,23 @@ def predict(
 
 
 @app.command()
+def diagnose(
+    experiment: Annotated[Path, typer.Argument(metavar="EXPERIMENT.toml")],
+    out: Out,
+    seed: Seed = 0,
+    workers: Workers = None,
+) -> None:
+    """Find what a model lacks, name it and add it: diagnosis.json, model.toml and report.html.
+
+    The same command goes on where it was interrupted.
+    """
+    from identification import commands
+
+    with _kept(f"{out / 'fits.json'} holds the fits that were finished, and the same command goes on from there"):
+        commands.diagnose(experiment, out, seed, workers)
+
+
+@app.command()
 def bench(
     out: Annotated[Path | None, typer.Option("--out", metavar="DIR", help="Folder for bench.json.")] = None,
     duration: Annotated[float, typer.Option(min=1.0, help="Simulated time of each race, s.")] = 20.0,

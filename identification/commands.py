@@ -21,7 +21,7 @@ from identification.measurement import Instrument
 from identification.posterior import Posterior
 from identification.runs import ReleaseInfo, Run
 from identification.terminal import Progress, print_table
-from identification.wording import convergence_verdict, model_verdict, number, rounding_of, shown, unit_plain
+from identification.wording import convergence_verdict, model_verdict, number, ratio, rounding_of, shown, unit_plain
 
 #: The release of the paper, where none is stated.
 _ANGLE = 0.228
@@ -171,6 +171,36 @@ def calibrate(
         return 1
     print(convergence_verdict(summary))
     return 0
+
+
+def diagnose(path: Path, out: Path, seed: int, workers: int | None) -> None:
+    """Diagnoses an experiment and writes what was found."""
+    from identification.diagnose import diagnose as run
+    from identification.diagnose.report import save, sentence
+
+    experiment = Experiment.load(path)
+    with Progress() as progress:
+        diagnosis = run(experiment, out=out, seed=seed, workers=workers, progress=progress)
+        progress("draw", None)
+        content = save(diagnosis, out)
+    if content["steps"]:
+        rows = []
+        for step in content["steps"]:
+            found = ", ".join(f"{key} = {_several(entry['median'])}" for key, entry in step["parameters"].items())
+            rows.append((step["effect"], found or "–", ratio(step["gap_before"]), ratio(step["gap_after"])))
+        print_table(("effect", "parameters", "gap before", "gap after"), rows)
+    print(f"{content['verdict']}: {sentence(content)}")
+    if diagnosis.advice is not None:
+        plan = diagnosis.advice.plans[0]
+        print(
+            f"next experiment: {plan.bobs} bob{'s' if plan.bobs > 1 else ''}, {plan.release.bobs} released at"
+            f" {plan.release.angle} rad, δ = {plan.delta:g}, {plan.duration:g} s"
+        )
+    print(f"report: {out / 'report.html'}")
+
+
+def _several(value: float | Sequence[float]) -> str:
+    return "[" + ", ".join(map(number, value)) + "]" if isinstance(value, Sequence) else number(value)
 
 
 def predict(

@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+import json
+import math
 import os
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
+
+import numpy as np
 
 
 class ExperimentError(ValueError):
@@ -45,3 +50,19 @@ def write_together(directory: Path, texts: Mapping[str, str]) -> None:
     finally:
         for file in temporary.values():
             file.unlink(missing_ok=True)
+
+
+def json_text(content: Mapping[str, Any]) -> str:
+    """JSON to read; what is not finite becomes null."""
+    return json.dumps(_finite(content), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+
+
+def _finite(value: Any) -> Any:
+    """The value in the types of JSON, which knows neither nan nor infinity."""
+    if isinstance(value, Mapping):
+        return {str(key): _finite(entry) for key, entry in value.items()}
+    if isinstance(value, list | tuple | np.ndarray):
+        return [_finite(entry) for entry in value]
+    if isinstance(value, np.generic):
+        value = value.item()
+    return None if isinstance(value, float) and not math.isfinite(value) else value

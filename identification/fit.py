@@ -39,29 +39,29 @@ def find_mode(likelihood: Likelihood, seed: int = 0, progress: Progress | None =
     all data, and neighbouring values of κ tried around the winner."""
     tell = progress or (lambda *_: None)
     rng = np.random.default_rng(seed)
-    early = Likelihood(likelihood.experiment, _early_rows(likelihood), likelihood.workers)
+    early = Likelihood(likelihood.experiment, early_rows(likelihood), likelihood.workers)
     width = np.array([u.search for u in likelihood.unknowns])
     starts = likelihood.start() + width * rng.uniform(-1.0, 1.0, (_DRAWS, len(width)))
     starts[0] = likelihood.start()
-    starts = np.clip(starts, *_bounds(likelihood))
+    starts = np.clip(starts, *bounds(likelihood))
     tell("search", 0.0, f"{_DRAWS} points")
     costs = np.array(in_threads(lambda z: _cost(early, z), list(starts), likelihood.workers))
     best = starts[np.argsort(costs)[:_REFINED]]
     refined = []
     for k, point in enumerate(best):
         tell("search", (k + 1) / (_REFINED + _FINISHED + 2), "refining on the early data")
-        refined.append(_refine(early, point, 15))
+        refined.append(refine(early, point, 15))
     refined.sort(key=lambda pair: pair[1])
     finished = []
     for k, (point, _) in enumerate(refined[:_FINISHED]):
         tell("search", (_REFINED + k + 1) / (_REFINED + _FINISHED + 2), "refining on all data")
-        finished.append(_refine(likelihood, point, 20))
+        finished.append(refine(likelihood, point, 20))
     point, cost = min(finished, key=lambda pair: pair[1])
     if "kappa" in likelihood.names:
         tell("search", 0.9, "neighbouring modes of κ")
         point, cost = _climb_ladder(likelihood, point, cost)
     _reweigh(likelihood, point)
-    point, cost = _refine(likelihood, point, 40)
+    point, cost = refine(likelihood, point, 40)
     return _mode(likelihood, point, cost)
 
 
@@ -81,9 +81,9 @@ def _climb_ladder(likelihood: Likelihood, point: np.ndarray, cost: float) -> tup
         for step in _LADDER:
             rung = point.copy()
             rung[k] += step if likelihood.unknowns[k].log else step * point[k]
-            rungs.append(np.clip(rung, *_bounds(likelihood)))
+            rungs.append(np.clip(rung, *bounds(likelihood)))
         costs = np.array(in_threads(lambda z: _cost(likelihood, z), rungs, likelihood.workers))
-        tried = [_refine(likelihood, rungs[i], 8) for i in np.argsort(costs)[:3]]
+        tried = [refine(likelihood, rungs[i], 8) for i in np.argsort(costs)[:3]]
         best, best_cost = min(tried, key=lambda pair: pair[1])
         if best_cost >= cost - 1e-3 * abs(cost):
             return (best, best_cost) if best_cost < cost else (point, cost)
@@ -93,10 +93,10 @@ def _climb_ladder(likelihood: Likelihood, point: np.ndarray, cost: float) -> tup
 def refit(likelihood: Likelihood, point: np.ndarray) -> np.ndarray:
     """The mode near a point, (D,)."""
     _reweigh(likelihood, point)
-    return _refine(likelihood, point, 40)[0]
+    return refine(likelihood, point, 40)[0]
 
 
-def _early_rows(likelihood: Likelihood) -> list[np.ndarray]:
+def early_rows(likelihood: Likelihood) -> list[np.ndarray]:
     """The rows of the first periods of each run."""
     limit = _EARLY_PERIODS * likelihood.experiment.cradle.period
     return [
@@ -105,7 +105,7 @@ def _early_rows(likelihood: Likelihood) -> list[np.ndarray]:
     ]
 
 
-def _bounds(likelihood: Likelihood) -> tuple[np.ndarray, np.ndarray]:
+def bounds(likelihood: Likelihood) -> tuple[np.ndarray, np.ndarray]:
     """Sampled coordinates between which the search stays; both (D,)."""
     low = np.array([math.log(u.low) if u.log else u.low for u in likelihood.unknowns])
     high = np.array([math.log(u.high) if u.log else u.high for u in likelihood.unknowns])
@@ -143,18 +143,18 @@ def _steps(likelihood: Likelihood) -> np.ndarray:
     return np.array(steps)
 
 
-def _jacobian(likelihood: Likelihood, point: np.ndarray, base: np.ndarray) -> np.ndarray:
+def jacobian(likelihood: Likelihood, point: np.ndarray, base: np.ndarray) -> np.ndarray:
     """Derivatives of the residuals (R, D), by one-sided differences that stay within the bounds."""
-    high = _bounds(likelihood)[1]
+    high = bounds(likelihood)[1]
     steps = np.where(point + _steps(likelihood) > high, -_steps(likelihood), _steps(likelihood))
     moved = point + np.diag(steps)
     columns = in_threads(lambda z: _safe_residuals(likelihood, z, len(base)), list(moved), likelihood.workers)
     return (np.array(columns) - base).T / steps
 
 
-def _refine(likelihood: Likelihood, point: np.ndarray, evaluations: int) -> tuple[np.ndarray, float]:
+def refine(likelihood: Likelihood, point: np.ndarray, evaluations: int) -> tuple[np.ndarray, float]:
     """(point, sum of squared residuals) that least squares reaches in at most so many evaluations."""
-    low, high = _bounds(likelihood)
+    low, high = bounds(likelihood)
     inside = np.clip(point, low, high)
     length = len(likelihood.residuals(inside))
     last: dict[str, np.ndarray] = {}
@@ -163,14 +163,14 @@ def _refine(likelihood: Likelihood, point: np.ndarray, evaluations: int) -> tupl
         last["point"], last["value"] = z.copy(), _safe_residuals(likelihood, z, length)
         return last["value"]
 
-    def jacobian(z: np.ndarray) -> np.ndarray:
+    def derivatives(z: np.ndarray) -> np.ndarray:
         base = last["value"] if np.array_equal(last["point"], z) else residuals(z)
-        return _jacobian(likelihood, z, base)
+        return jacobian(likelihood, z, base)
 
     found = least_squares(
         residuals,
         inside,
-        jacobian,  # type: ignore[arg-type]  # a function, which SciPy's stubs do not know of
+        derivatives,  # type: ignore[arg-type]  # a function, which SciPy's stubs do not know of
         (low - 1e-12, high + 1e-12),
         x_scale=_steps(likelihood),
         max_nfev=evaluations,
@@ -183,7 +183,7 @@ def _refine(likelihood: Likelihood, point: np.ndarray, evaluations: int) -> tupl
 def _mode(likelihood: Likelihood, point: np.ndarray, cost: float) -> Mode:
     """The mode with its covariance; unknown noise goes to the RMS of the residuals that are left."""
     residuals = likelihood.residuals(point)
-    J = _jacobian(likelihood, point, residuals)
+    J = jacobian(likelihood, point, residuals)
     weight = np.ones(len(residuals))
     point, counted = point.copy(), 0
     for k, (run, rows) in enumerate(zip(likelihood.experiment.runs, likelihood.rows, strict=True)):

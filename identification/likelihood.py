@@ -16,7 +16,7 @@ from identification.experiment import Experiment
 from identification.measurement import Instrument
 from identification.noise import noise_of
 from identification.runs import Run
-from identification.unknowns import Unknown, model_unknowns, run_unknowns
+from identification.unknowns import Unknown, balanced, model_unknowns, run_unknowns, with_value
 
 #: Sampling of θ_n for σ and λ [1/s].
 LAMBDA_RATE = 240.0
@@ -70,7 +70,12 @@ class Likelihood:
         """The cradle with these values, at the δ of a run (the first where omitted)."""
         cradle = self.experiment.cradle_of(run or self.experiment.runs[0])
         fields = {u.name: values[u.name] for u in self.of_model if "." not in u.name}
-        return cradle.replace(**fields, effects=with_values(cradle, values))
+        effects: dict[str, dict[str, Any]] = {name: dict(known) for name, known in cradle.effects.items()}
+        for u in self.of_model:
+            if "." in u.name:
+                name, key = u.name.split(".")
+                effects[name] = with_value(effects[name], key, values[u.name])
+        return cradle.replace(**fields, effects={name: balanced(name, known) for name, known in effects.items()})
 
     def beginning(self, values: Mapping[str, float], index: int) -> tuple[Release | InitialState, float]:
         """(how run `index` begins, the time in its file at which the simulation starts [s])."""
@@ -163,21 +168,6 @@ class Likelihood:
             (u.value(z) - u.mean) / u.sd for u, z in zip(self.unknowns, point, strict=True) if not math.isnan(u.sd)
         ]
         return np.concatenate([*parts, np.array(prior)])
-
-
-def with_values(cradle: Cradle, values: Mapping[str, float]) -> dict[str, dict[str, Any]]:
-    """The cradle's effects with the values of "effect.key" and "effect.key[i]" put in; where the numbers of a parameter
-    sum to 0, the last is what the others leave."""
-    effects: dict[str, dict[str, Any]] = {name: dict(known) for name, known in cradle.effects.items()}
-    for effect in cradle.composition:
-        for p in effect.parameters:
-            name = f"{effect.name}.{p.key}"
-            if name in values:
-                effects[effect.name][p.key] = values[name]
-            elif f"{name}[1]" in values:
-                numbers = [values[f"{name}[{i}]"] for i in range(1, p.count(cradle.bobs) + (not p.balanced))]
-                effects[effect.name][p.key] = [*numbers, -sum(numbers)] if p.balanced else numbers
-    return effects
 
 
 def lifted_further(release: Release, error: float) -> Release:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import json
-import math
 import os
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
@@ -17,6 +15,7 @@ from cradle_env.cradle import Cradle, Release
 from cradle_env.synchronization import ENVELOPE_PERIODS, WINDOW
 from cradle_env.trajectory import Trajectory
 from identification.csv_data import csv_text
+from identification.files import json_text
 from identification.posterior import Posterior, Prediction
 from identification.style import png
 
@@ -45,18 +44,7 @@ def write(path: Path, content: str | bytes) -> Path:
 
 def write_json(path: Path, content: Mapping[str, Any]) -> Path:
     """Writes JSON; what is not finite becomes null."""
-    return write(path, json.dumps(_finite(content), indent=2, ensure_ascii=False, allow_nan=False) + "\n")
-
-
-def _finite(value: Any) -> Any:
-    """The value in the types of JSON, which knows neither nan nor infinity."""
-    if isinstance(value, Mapping):
-        return {str(key): _finite(entry) for key, entry in value.items()}
-    if isinstance(value, list | tuple | np.ndarray):
-        return [_finite(entry) for entry in value]
-    if isinstance(value, np.generic):
-        value = value.item()
-    return None if isinstance(value, float) and not math.isfinite(value) else value
+    return write(path, json_text(content))
 
 
 def table_text(columns: Mapping[str, np.ndarray]) -> str:

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from cradle_env.cradle import Cradle
+from cradle_env.effects import Parameter, effect
 from cradle_env.errors import unknown_key
 from identification.experiment import Experiment
 from identification.runs import Prior, Run
@@ -92,7 +94,8 @@ def model_unknowns(experiment: Experiment, parameters: Sequence[str] | None = No
     chosen = [*experiment.unknown_effect_parameters]
     chosen += [name for name in experiment.infer if "." in name and name not in chosen]
     for name in chosen:
-        unknowns += _effect_unknowns(cradle, name, experiment.infer.get(name))
+        prior = experiment.infer.get(name)
+        unknowns += [_effect_unknown(cradle, element, prior) for element in _elements(cradle, name)]
     return unknowns
 
 
@@ -117,21 +120,60 @@ def _field_unknown(cradle: Cradle, name: str, prior: Prior | None) -> Unknown:
     )  # fmt: skip
 
 
-def _effect_unknowns(cradle: Cradle, name: str, prior: Prior | None) -> list[Unknown]:
-    """The unknown of "effect.key", or one "effect.key[i]" for each bob or gap (all but the last if they sum to 0)."""
+def element_of(key: str) -> tuple[str, int | None]:
+    """("offset", 0) of "offset[1]": a parameter and which of its values, all of them alike for "[*]" (−1), or None
+    for a parameter of one value."""
+    name, bracket, which = key.partition("[")
+    if not bracket:
+        return name, None
+    return name, -1 if which == "*]" else int(which[:-1]) - 1
+
+
+def with_value(known: Mapping[str, Any], key: str, value: float) -> dict[str, Any]:
+    """The values of an effect with one more: of "c2", of "offset[1]" among several, or of all alike, "offset[*]"."""
+    name, element = element_of(key)
+    if element is None:
+        return {**known, name: value}
+    several = list(known[name])
+    several = [value] * len(several) if element < 0 else [*several[:element], value, *several[element + 1 :]]
+    return {**known, name: several}
+
+
+def balanced(name: str, values: Mapping[str, Any]) -> dict[str, Any]:
+    """The values of an effect, the last of numbers that must sum to 0 being what the others leave."""
+    closed = dict(values)
+    for p in effect(name.removeprefix("-")).parameters:
+        if p.balanced and p.key in closed:
+            *others, _ = closed[p.key]
+            closed[p.key] = [*others, -sum(others)]
+    return closed
+
+
+def element_names(name: str, parameter: Parameter, bobs: int) -> list[str]:
+    """The names by which the values of a parameter "effect.key" are inferred: of several that sum to 0 all but the
+    last."""
+    if not parameter.each:
+        return [name]
+    return [f"{name}[{i + 1}]" for i in range(parameter.count(bobs) - parameter.balanced)]
+
+
+def _elements(cradle: Cradle, name: str) -> list[str]:
+    """What is inferred under a name: itself, or every value of a parameter with one for each bob or gap."""
     effect_name, key = name.split(".")
+    found = next((p for e in cradle.composition if e.name == effect_name for p in e.parameters if p.key == key), None)
+    return [name] if found is None else element_names(name, found, cradle.bobs)
+
+
+def _effect_unknown(cradle: Cradle, name: str, prior: Prior | None) -> Unknown:
+    effect_name, address = name.split(".")
+    key, element = element_of(address)
     declared = next(e for e in cradle.composition if e.name == effect_name)
     p = next(p for p in declared.parameters if p.key == key)
-    start = cradle.effects.get(effect_name, {}).get(key, 0.0 if p.each else p.scale)
-    starts = np.broadcast_to(np.asarray(start, dtype=float), (p.count(cradle.bobs),))
-    found = []
-    for i in range(p.count(cradle.bobs) - p.balanced):
-        index, sign = (f"[{i + 1}]", f"_{i + 1}") if p.each else ("", "")
-        unknown = Unknown(
-            name + index, p.unit, p.symbol + sign, float(starts[i]), low=p.low, high=p.high, search=p.scale
-        )
-        found.append(unknown if prior is None else _with_prior(unknown, prior))
-    return found
+    start: Any = cradle.effects.get(effect_name, {}).get(key, p.scale)
+    start = start if element is None else start[max(element, 0)]
+    symbol = p.symbol if element is None or element < 0 else f"{p.symbol}_{element + 1}"
+    unknown = Unknown(name, p.unit, symbol, start, low=p.low, high=p.high, search=p.scale)
+    return unknown if prior is None else _with_prior(unknown, prior)
 
 
 def _with_prior(unknown: Unknown, prior: Prior) -> Unknown:

@@ -82,6 +82,11 @@ def effect(name: str) -> Effect:
     return _EFFECTS[name]
 
 
+def known_effects() -> tuple[Effect, ...]:
+    """The catalogue, and what was registered beside it."""
+    return tuple(_EFFECTS.values())
+
+
 def compose(base: str, changes: Iterable[str]) -> tuple[Effect, ...]:
     """The effects of a base model with more names added and "-name" taken out, in the order of the catalogue."""
     if base not in MODELS:
@@ -102,4 +107,4 @@ def compose(base: str, changes: Iterable[str]) -> tuple[Effect, ...]:
     return tuple(e for e in _EFFECTS.values() if e.name in names)
 
 
-__all__ = ["CATALOGUE", "MODELS", "Effect", "Parameter", "compose", "effect", "register"]
+__all__ = ["CATALOGUE", "MODELS", "Effect", "Parameter", "compose", "effect", "known_effects", "register"]

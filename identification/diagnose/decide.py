@@ -1,0 +1,132 @@
+"""Which candidate, if any: refits on the training part, judged by evidence and by what chance gives the best of all.
+
+Log evidence over the model without a candidate, by Laplace with a prior worth one reading: ½ (Δχ²/c − k ln n_eff),
+k more unknowns. c = s² τ inflates for residuals that are not white: s² is what the best model leaves of the noise's
+variance (at least 1), τ = 1 + 2 Σ ρ the readings that count for one; n_eff = R/τ.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from cradle_env.simulation import SimulationError
+from identification.diagnose.candidates import Candidate, is_strength, one_sided
+from identification.diagnose.fitted import Fitted
+from identification.diagnose.score import Scored, family_p, surprise_of
+from identification.diagnose.search import Searcher
+from identification.fit import Progress
+
+#: Chance, over all candidates, at which one is accepted.
+ALPHA = 0.01
+#: Candidates within so many units of log evidence of the best cannot be told apart from it.
+CLOSE = 3.0
+#: How many of the candidates with parameters are refitted, and from which surprise on.
+_REFITS, _WORTH = 8, 1.0
+
+
+@dataclass(frozen=True, eq=False)
+class Refit:
+    """A model with one candidate more: its fit, Δχ² gained over the model without, k more unknowns, inflated log
+    evidence over that model, p among all candidates, and the gap on what was held out (told, not used)."""
+
+    candidate: Candidate
+    fitted: Fitted
+    gain: float
+    unknowns: int
+    log_evidence: float
+    p: float
+    gap: float
+
+
+@dataclass(frozen=True, eq=False)
+class Decision:
+    """Refits, the most probable first; chosen: the best if it is significant; close: those not to be told from it;
+    probability: of the chosen among all and none; inflation c and effective number of readings."""
+
+    refits: tuple[Refit, ...]
+    chosen: Refit | None
+    close: tuple[Refit, ...]
+    probability: float
+    inflation: float
+    effective: float
+
+
+def decide(fitted: Fitted, scored: Scored, searcher: Searcher, tell: Progress, alpha: float = ALPHA) -> Decision:
+    """Refits the candidates worth it, and decides between them and none."""
+    tried = worth_refitting(scored)
+    fits: list[tuple[Candidate, Fitted]] = []
+    for i, candidate in enumerate(tried):
+        tell("refit", i / max(len(tried), 1), candidate.name)
+        try:
+            fits.append((candidate, searcher.adding(fitted, candidate)))
+        except (SimulationError, ValueError):  # this effect cannot be in this cradle
+            continue
+    inflation, effective = coloured(min((fit for _, fit in fits), key=lambda fit: fit.chi2, default=fitted))
+    refits = sorted(
+        (judged(fitted, candidate, fit, scored.replicas, inflation, effective) for candidate, fit in fits),
+        key=lambda refit: -refit.log_evidence,
+    )
+    chosen = next((refit for refit in refits if refit.p < alpha and refit.log_evidence > 0.0), None)
+    close = tuple(
+        refit for refit in refits
+        if chosen and refit is not chosen and chosen.log_evidence - refit.log_evidence < CLOSE
+    )  # fmt: skip
+    return Decision(tuple(refits), chosen, close, _probability(chosen, refits), inflation, effective)
+
+
+def worth_refitting(scored: Scored) -> list[Candidate]:
+    """The candidates with the best scores, and all that no score can judge."""
+    judged_ = [s.candidate for s in scored.scores if s.directions and s.surprise >= _WORTH]
+    return judged_[:_REFITS] + [s.candidate for s in scored.scores if not s.directions and _unscored(s.candidate)]
+
+
+def _unscored(candidate: Candidate) -> bool:
+    return len(candidate.effects) > 1 or not any(is_strength(p) for p in candidate.declaration.parameters)
+
+
+def judged(
+    fitted: Fitted, candidate: Candidate, fit: Fitted, replicas: np.ndarray, inflation: float, effective: float
+) -> Refit:
+    """A refit with its figures."""
+    gain = fitted.chi2 - fit.chi2
+    more = len(fit.point) - len(fitted.point)
+    strengths = [p for p in candidate.declaration.parameters if is_strength(p)]
+    sided = bool(strengths) and all(map(one_sided, strengths))
+    own = float(surprise_of(np.array(gain / inflation), max(more, 1), sided))
+    evidence = 0.5 * (gain / inflation - more * math.log(effective))
+    return Refit(candidate, fit, gain, more, evidence, family_p(own, replicas), fit.held_out_gap())
+
+
+def coloured(fitted: Fitted) -> tuple[float, float]:
+    """(inflation c of Δχ², effective number of readings) from the residuals that a fit leaves."""
+    residuals, at = fitted.residuals[: fitted.count], fitted.readings
+    products, total = np.zeros(1), 0.0
+    for k in np.unique(at.run):
+        for bob in np.unique(at.bob[at.run == k]):
+            own = residuals[(at.run == k) & (at.bob == bob)]
+            lags = min(len(own) // 4, 200)
+            own_products = np.array([own[: len(own) - lag] @ own[lag:] for lag in range(lags + 1)])
+            size = max(len(products), len(own_products))
+            products = np.pad(products, (0, size - len(products))) + np.pad(own_products, (0, size - len(own_products)))
+            total += len(own)
+    variance = products[0] / total
+    correlation = products[1:] / products[0]
+    # Beyond the first lag that noise of this length would show by chance, there is nothing to count.
+    chance = 2.0 / math.sqrt(total)
+    below = np.flatnonzero(correlation < chance)
+    tau = 1.0 + 2.0 * float(np.sum(correlation[: below[0] if len(below) else None]))
+    noise = variance if variance > 1.0 + 4.0 * math.sqrt(2.0 / total) else 1.0
+    return max(1.0, noise * tau), max(total / tau, 10.0)
+
+
+def _probability(chosen: Refit | None, refits: Sequence[Refit]) -> float:
+    """Of the chosen among all refits and none, each as probable beforehand."""
+    if chosen is None:
+        return 0.0
+    return float(1.0 / (math.exp(-chosen.log_evidence) + sum(
+        math.exp(min(refit.log_evidence - chosen.log_evidence, 50.0)) for refit in refits
+    )))  # fmt: skip

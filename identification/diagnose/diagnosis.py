@@ -1,0 +1,213 @@
+"""What a diagnosis found, as an object, as JSON and as a model."""
+
+from __future__ import annotations
+
+import functools
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy.stats import truncnorm
+
+from cradle_env import __version__
+from cradle_env.cradle import Cradle
+from identification.diagnose.advise import Advice
+from identification.diagnose.decide import coloured
+from identification.diagnose.fitted import Fitted
+from identification.diagnose.repair import Repaired
+from identification.experiment import Experiment
+from identification.toml_file import toml_key, toml_text
+from identification.unknowns import element_of
+
+VERDICTS = ("nothing_missing", "named", "equivalent", "unknown")
+
+
+@dataclass(frozen=True, eq=False)
+class Interval:
+    """An unknown's median and central 95 %."""
+
+    unit: str
+    median: float
+    ci95: tuple[float, float]
+
+
+@dataclass(frozen=True, eq=False)
+class Diagnosis:
+    """The answer: `verdict`, and all that led to it.
+
+    experiment: as given; repaired: the models examined and the steps between them; final: the last model, fitted to
+    all that may be fitted; advice: the next experiment, None where nothing is open.
+    """
+
+    experiment: Experiment
+    repaired: Repaired
+    final: Fitted
+    advice: Advice | None
+    seed: int
+
+    @property
+    def base(self) -> Fitted:
+        """The fit of the model as given."""
+        return self.repaired.examined[0].fitted
+
+    @property
+    def verdict(self) -> str:
+        """One of `VERDICTS`."""
+        if self.repaired.alternatives:
+            return "equivalent"
+        if self.repaired.steps:
+            return "named"
+        return "unknown" if self.repaired.last.significant else "nothing_missing"
+
+    @property
+    def effects(self) -> tuple[str, ...]:
+        """Names of the effects that are missing beyond doubt."""
+        doubtful = {name for names in self.repaired.alternatives for name in names}
+        return tuple(step.effect for step in self.repaired.steps if step.effect not in doubtful)
+
+    @property
+    def equivalent(self) -> tuple[tuple[str, ...], ...]:
+        """Sets of effects, of which any one completes `effects`."""
+        return self.repaired.alternatives
+
+    @functools.cached_property
+    def gap_first(self) -> float:
+        """Held-out gap of the model as given."""
+        return self.base.held_out_gap()
+
+    @functools.cached_property
+    def gap_last(self) -> float:
+        """Held-out gap of the repaired model."""
+        return self.repaired.last.fitted.held_out_gap()
+
+    @functools.cached_property
+    def parameters(self) -> dict[str, Interval]:
+        """Unknowns of the repaired model, by name."""
+        return intervals(self.final)
+
+    @property
+    def model(self) -> Cradle:
+        """The repaired model."""
+        return self.final.cradle
+
+    def model_toml(self) -> str:
+        """The repaired model as a [model] table with its parameters, and, as comments, the cradle's own."""
+        cradle = self.model
+        lines = ["# The repaired model of a diagnosis. Fitted along with it:"]
+        lines += [
+            f"#   {name} = {found.median:.6g} {found.unit}"
+            for name, found in self.parameters.items() if "." not in name and "@" not in name
+        ]  # fmt: skip
+        lines += ["[model]", f"base = {toml_text(cradle.model)}", f"effects = {toml_text([*cradle.effects])}"]
+        known = {name: dict(values) for name, values in cradle.effects.items() if values}
+        if known:
+            lines += ["", "[model.parameters]"]
+            lines += [f"{toml_key(name)} = {toml_text(values)}" for name, values in known.items()]
+        return "\n".join([*lines, ""])
+
+    def content(self) -> dict[str, Any]:
+        """What diagnosis.json holds."""
+        last = self.repaired.last
+        doubtful = {name for names in self.equivalent for name in names}
+        return {
+            "format": "cradle-diagnosis/1",
+            "version": __version__,
+            "seed": self.seed,
+            "inputs": self.experiment.digest,
+            "verdict": self.verdict,
+            "where": list(self.repaired.examined[0].located.where),
+            "steps": [self._step(step) for step in self.repaired.steps if step.effect not in doubtful],
+            "equivalent": [list(names) for names in self.equivalent],
+            "gap_first": self.gap_first,
+            "gap_last": self.gap_last,
+            "remainder": {
+                "significant": last.significant,
+                "p": last.p,
+                "described": described(last.located.where) if last.significant else "",
+                "law": None,  # a learned law has its place here
+            },
+            "removed": list(self.repaired.removed),
+            "candidates": self._candidates(),
+            "parameters": {
+                name: {"unit": found.unit, "median": found.median, "ci95": list(found.ci95)}
+                for name, found in self.parameters.items()
+            },
+            "advice": None if self.advice is None else self.advice.content(),
+        }
+
+    def _step(self, step) -> dict[str, Any]:
+        return {
+            "effect": step.effect,
+            "parameters": effect_parameters(self.parameters, step.effect),
+            "probability": step.probability,
+            "gap_before": step.before.held_out_gap(),
+            "gap_after": step.after.held_out_gap(),
+            "train_before": step.before.training_gap(),
+            "train_after": step.after.training_gap(),
+        }
+
+    def _candidates(self) -> list[dict[str, Any]]:
+        """Scores of every candidate against the base model, with what its refit gave where it was refitted."""
+        first = self.repaired.examined[0]
+        refits = self.repaired.decisions[0].refits if self.repaired.decisions else ()
+        by_name = {refit.candidate.name: refit for refit in refits}
+        rows = []
+        for s in first.scored.scores:
+            refit = by_name.get(s.candidate.name)
+            rows.append(
+                {
+                    "effect": s.candidate.name,
+                    "predicted_delta_chi2": s.gain if s.directions else None,
+                    "p": s.p if s.directions else None,
+                    "parallel": list(s.parallel),
+                    "delta_chi2": None if refit is None else refit.gain,
+                    "log_evidence": None if refit is None else refit.log_evidence,
+                    "gap": None if refit is None else refit.gap,
+                }
+            )
+        return rows
+
+
+def intervals(fitted: Fitted) -> dict[str, Interval]:
+    """Medians and 95 % intervals by Laplace, inflated for residuals that are not white and cut at the bounds."""
+    inflation = coloured(fitted)[0]
+    deviations = np.sqrt(inflation * np.maximum(np.diag(fitted.covariance()), 1e-300))
+    found = {}
+    for u, z, sd in zip(fitted.likelihood.unknowns, fitted.point, deviations, strict=True):
+        low, high = (
+            (bound - z) / sd if math.isfinite(bound) else bound
+            for bound in ((math.log(u.low), math.log(u.high)) if u.log else (u.low, u.high))
+        )
+        quantiles = truncnorm.ppf((0.5, 0.025, 0.975), min(low, -1e-12), max(high, 1e-12), z, sd)
+        median, *ends = (float(u.value(q)) for q in quantiles)
+        found[u.name] = Interval(u.unit, median, (ends[0], ends[1]))
+    return found
+
+
+def effect_parameters(parameters: Mapping[str, Interval], name: str) -> dict[str, Any]:
+    """Those of one effect by key: median and ci95; lists of them where there is a value per bob or gap."""
+    found: dict[str, Any] = {}
+    for address, interval in parameters.items():
+        owner, _, key = address.partition(".")
+        if owner != name:
+            continue
+        key, element = element_of(key)
+        if element is None:
+            found[key] = {"median": interval.median, "ci95": list(interval.ci95)}
+        else:
+            entry = found.setdefault(key, {"median": [], "ci95": []})
+            entry["median"].append(interval.median)
+            entry["ci95"].append(list(interval.ci95))
+    return found
+
+
+def described(where: tuple[dict, ...]) -> str:
+    """What is left, in words."""
+    if not where:
+        return "no single place stands out; all of them together hold more than noise"
+    worst = where[0]
+    bob = "all bobs" if worst["bob"] is None else f"bob {worst['bob']}"
+    begin, end = worst["t"]
+    return f"most of all in {worst['run']} at {bob}, {begin:.3g} to {end:.3g} s, phase {worst['phase']}"

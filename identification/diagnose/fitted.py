@@ -1,0 +1,151 @@
+"""A model fitted to the training part of an experiment: what it leaves, and what its unknowns can absorb."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+from dataclasses import dataclass
+
+import numpy as np
+
+from cradle_env.cradle import Cradle
+from identification.experiment import Experiment
+from identification.fit import jacobian, training_rows
+from identification.likelihood import Likelihood, rms
+from identification.noise import estimated_noise, noise_of
+
+#: Directions that the readings hold less than this share of, of the best known one, count as not seen at all.
+_RANK = 1e-9
+
+
+def with_known_noise(experiment: Experiment) -> Experiment:
+    """The experiment with the noise of each run stated: an inferred noise would hide what is missing."""
+    runs = tuple(dataclasses.replace(run, noise=noise_of(run)) for run in experiment.runs)
+    return dataclasses.replace(experiment, runs=runs)
+
+
+@dataclass(frozen=True, eq=False)
+class Readings:
+    """Where each of the R residuals of a fit belongs: run and bob (from 0), time [s]; all (R,)."""
+
+    run: np.ndarray
+    bob: np.ndarray
+    time: np.ndarray
+
+    @classmethod
+    def of(cls, likelihood: Likelihood) -> Readings:
+        """Those of a likelihood, in the order of its residuals."""
+        parts = []
+        for k, (run, rows) in enumerate(zip(likelihood.experiment.runs, likelihood.rows, strict=True)):
+            row, bob = np.nonzero(~np.isnan(run.readings[rows]))
+            parts.append((np.full(len(row), k), bob, run.times[rows][row]))
+        return cls(*(np.concatenate(column) for column in zip(*parts, strict=True)))
+
+
+@dataclass(frozen=True, eq=False)
+class Fitted:
+    """A likelihood over the training part, and its mode: point (D,) in sampled coordinates."""
+
+    likelihood: Likelihood
+    point: np.ndarray
+
+    @property
+    def experiment(self) -> Experiment:
+        """What was fitted."""
+        return self.likelihood.experiment
+
+    @functools.cached_property
+    def cradle(self) -> Cradle:
+        """The cradle as fitted, at the δ of the first run."""
+        return self.likelihood.cradle(self.values)
+
+    @functools.cached_property
+    def values(self) -> dict[str, float]:
+        """The unknowns at the mode."""
+        return self.likelihood.values(self.point)
+
+    @functools.cached_property
+    def residuals(self) -> np.ndarray:
+        """Model less data over the noise, then those of the priors; (R + P,)."""
+        return self.likelihood.residuals(self.point)
+
+    @functools.cached_property
+    def readings(self) -> Readings:
+        """Where each residual belongs."""
+        return Readings.of(self.likelihood)
+
+    @property
+    def count(self) -> int:
+        """R, the number of readings fitted."""
+        return len(self.readings.time)
+
+    @property
+    def chi2(self) -> float:
+        """Sum of squared residuals, those of the priors included."""
+        return float(np.sum(self.residuals**2))
+
+    @functools.cached_property
+    def jacobian(self) -> np.ndarray:
+        """Derivatives of the residuals with respect to the sampled coordinates, (R + P, D)."""
+        return jacobian(self.likelihood, self.point, self.residuals)
+
+    @functools.cached_property
+    def absorbed(self) -> np.ndarray:
+        """Orthonormal basis of what the unknowns can absorb, (R + P, rank)."""
+        return span(self.jacobian)
+
+    def project(self, vectors: np.ndarray) -> np.ndarray:
+        """What a refit leaves of vectors (R + P,) or (R + P, M), to first order: v − Q Qᵀ v."""
+        return vectors - self.absorbed @ (self.absorbed.T @ vectors)
+
+    def covariance(self) -> np.ndarray:
+        """Laplace covariance of the point, (D, D)."""
+        J, widths = self.jacobian, []
+        for u in self.likelihood.unknowns:
+            widths.append(5.0 if u.log else min(u.high - u.low, 10.0 * max(u.search, abs(u.start), 1e-3)))
+        return np.linalg.inv(J.T @ J + np.diag(1.0 / np.array(widths) ** 2))
+
+    def gap(self, rows: list[np.ndarray]) -> float:
+        """RMS over the noise of model less data in rows (T,) of each run; nan where there are none."""
+        parts = []
+        for k, run in enumerate(self.experiment.runs):
+            if rows[k].any():
+                model = self.likelihood.predict(self.point, k, rows[k])[0]
+                parts.append(((model - run.readings[rows[k]]) / self.likelihood.noise[k]).ravel())
+        return rms(np.concatenate(parts)) if parts else float("nan")
+
+    def held_out_gap(self) -> float:
+        """The gap on what was held out."""
+        return self.gap(training_rows(self.experiment)[1])
+
+    def training_gap(self) -> float:
+        """The gap on the training part."""
+        return self.gap(training_rows(self.experiment)[0])
+
+    def replicates(self, count: int, rng: np.random.Generator, estimated: tuple[bool, ...]) -> np.ndarray:
+        """Residuals that refits to data of this very model would leave, (R + P, count): a projection each.
+
+        estimated: of each run, whether its noise is an estimate, which then is made anew from each replicate.
+        """
+        noise = rng.standard_normal((len(self.residuals), count))
+        for k in np.flatnonzero(estimated):
+            run, rows = self.experiment.runs[k], self.likelihood.rows[k]
+            here = np.flatnonzero(self.readings.run == k)
+            seen = ~np.isnan(run.readings[rows])
+            for column in range(count):
+                readings = np.full(seen.shape, np.nan)
+                readings[seen] = noise[here, column]
+                noise[here, column] /= estimated_noise(dataclasses.replace(
+                    run, times=run.times[rows], readings=readings, fit_from=run.times[rows][0], fit_to=None
+                ))  # fmt: skip
+        return self.project(noise)
+
+
+def span(columns: np.ndarray) -> np.ndarray:
+    """Orthonormal basis of the span of columns (R, K), (R, rank); columns of any units."""
+    lengths = np.linalg.norm(columns, axis=0)
+    columns = columns[:, lengths > 0.0] / lengths[lengths > 0.0]
+    if columns.shape[1] == 0:
+        return columns
+    U, s, _ = np.linalg.svd(columns, full_matrices=False)
+    return U[:, s > np.sqrt(_RANK) * s[0]]

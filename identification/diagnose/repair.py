@@ -1,0 +1,188 @@
+"""Add, refit, repeat: from a base model to one that leaves nothing but noise, or as near as the catalogue leads."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from cradle_env.effects import effect
+from cradle_env.simulation import SimulationError
+from identification.diagnose.candidates import Candidate, candidates, without_effect
+from identification.diagnose.decide import ALPHA, CLOSE, Decision, coloured, decide, judged
+from identification.diagnose.fitted import Fitted
+from identification.diagnose.locate import Located, locate, share
+from identification.diagnose.score import Scored, score
+from identification.diagnose.search import Searcher
+from identification.fit import Progress
+
+#: Replicates of each model, and how many effects may be added.
+REPLICATES, _MOST_STEPS = 400, 6
+
+
+@dataclass(frozen=True, eq=False)
+class Examined:
+    """A model under scrutiny: its fit, where it fails, the scores of what may be missing, and p of both together."""
+
+    fitted: Fitted
+    located: Located
+    scored: Scored
+    p: float
+
+    @property
+    def significant(self) -> bool:
+        """Whether the model leaves more than noise."""
+        return self.p < ALPHA
+
+
+@dataclass(frozen=True, eq=False)
+class Step:
+    """One effect added: the model before, what decided, and the fits without and with it (a requirement of the chosen
+    one has steps of its own)."""
+
+    effect: str
+    before: Fitted
+    after: Fitted
+    probability: float
+    decision: Decision | None
+
+
+@dataclass(frozen=True, eq=False)
+class Repaired:
+    """All models examined, the base first; the steps kept; those taken out again; alternatives: sets of effects of
+    which each would do as well as the last steps, [] where there is no doubt."""
+
+    examined: tuple[Examined, ...]
+    decisions: tuple[Decision, ...]
+    steps: tuple[Step, ...]
+    removed: tuple[str, ...]
+    alternatives: tuple[tuple[str, ...], ...]
+    last: Examined
+
+
+def examine(fitted: Fitted, searcher: Searcher, seed: int, estimated: tuple[bool, ...]) -> Examined:
+    """Locates and scores, against the same replicates; p of the lesser of the two p, by the replicates again."""
+    replicates = fitted.replicates(REPLICATES, np.random.default_rng(seed), estimated)
+    located, scored = locate(fitted, replicates), score(fitted, searcher, replicates)
+    families = ((located.largest, located.replicas), (scored.largest, scored.replicas))
+    of_data = min(share(replicas, largest) for largest, replicas in families)
+    ranks = [1.0 - np.argsort(np.argsort(replicas)) / len(replicas) for _, replicas in families]
+    of_replicates = np.minimum(*ranks)
+    return Examined(fitted, located, scored, float((1 + np.sum(of_replicates < of_data)) / (1 + len(of_replicates))))
+
+
+def examine_settled(fitted: Fitted, searcher: Searcher, seed: int, estimated: tuple[bool, ...]) -> Examined:
+    """Examines a model; where it leaves more than noise, first makes sure that no better mode of it explains that."""
+    found = examine(fitted, searcher, seed, estimated)
+    if not found.significant:
+        return found
+    better = searcher.settled(fitted)
+    return examine(better, searcher, seed, estimated) if better.chi2 < fitted.chi2 - 1.0 else found
+
+
+def repair(
+    fitted: Fitted, searcher: Searcher, seed: int, estimated: tuple[bool, ...], tell: Progress
+) -> Repaired:  # fmt: skip
+    """Adds the most probable effect as long as the model leaves more than noise and an effect helps; then tries what
+    was added for removal, and for exchange against what was nearly as good."""
+    tell("locate", 0.0, "where model and data part")
+    examined = [examine_settled(fitted, searcher, seed, estimated)]
+    decisions: list[Decision] = []
+    steps: list[Step] = []
+    while examined[-1].significant and len(steps) < _MOST_STEPS:
+        now = examined[-1]
+        decision = decide(now.fitted, now.scored, searcher, tell)
+        decisions.append(decision)
+        if decision.chosen is None:
+            break
+        steps += _steps(now.fitted, decision, searcher)
+        tell("locate", 0.0, f"what is left with {steps[-1].effect}")
+        examined.append(examine_settled(steps[-1].after, searcher, seed, estimated))
+        steps[-1] = dataclasses.replace(steps[-1], after=examined[-1].fitted)
+    last, kept, removed = _without_the_needless(examined[-1], steps, searcher, seed, estimated)
+    alternatives = _exchanges(last, kept, decisions, searcher, tell)
+    return Repaired(tuple(examined), tuple(decisions), tuple(kept), tuple(removed), alternatives, last)
+
+
+def _steps(before: Fitted, decision: Decision, searcher: Searcher) -> list[Step]:
+    """The steps of a decision: what the chosen effect requires comes first, each with a fit of its own."""
+    chosen, steps = decision.chosen, []
+    assert chosen is not None
+    for name in chosen.candidate.effects:
+        if name == chosen.candidate.name:
+            after = chosen.fitted
+        else:
+            own = next(c for c in candidates(before.cradle) if c.name == name)
+            after = searcher.adding(before, own)
+        steps.append(Step(name, before, after, decision.probability, decision))
+        before = after
+    return steps
+
+
+def _without_the_needless(
+    last: Examined, steps: Sequence[Step], searcher: Searcher, seed: int, estimated: tuple[bool, ...]
+) -> tuple[Examined, list[Step], list[str]]:
+    """The last model without what it no longer needs, the steps that remain, and names of what went."""
+    kept, removed = list(steps), []
+    for step in steps[:-1]:
+        required = any(step.effect in _required(other.effect) for other in kept)
+        if required:
+            continue
+        model = without_effect(last.fitted.experiment, step.effect)
+        try:
+            fit = searcher.nearby(model, last.fitted.values)
+        except (SimulationError, ValueError):
+            continue
+        inflation, effective = coloured(last.fitted)
+        fewer = len(last.fitted.point) - len(fit.point)
+        if (fit.chi2 - last.fitted.chi2) / inflation < fewer * np.log(effective):
+            last = examine(fit, searcher, seed, estimated)
+            kept.remove(step)
+            removed.append(step.effect)
+    return last, kept, removed
+
+
+def _required(name: str) -> tuple[str, ...]:
+    return effect(name).requires
+
+
+def _exchanges(
+    last: Examined, steps: Sequence[Step], decisions: Sequence[Decision], searcher: Searcher, tell: Progress
+) -> tuple[tuple[str, ...], ...]:
+    """Sets of effects that complete the other steps as well as those chosen, the chosen ones first."""
+    inflation, effective = coloured(last.fitted)
+    rivals: list[tuple[str, str]] = []
+    for step in steps:
+        others = _rivals(step, decisions)
+        if not others or any(step.effect in _required(other.effect) for other in steps):
+            continue
+        model = without_effect(last.fitted.experiment, step.effect)
+        base = searcher.nearby(model, last.fitted.values)
+        own = 0.5 * ((base.chi2 - last.fitted.chi2) / inflation
+                     - (len(last.fitted.point) - len(base.point)) * np.log(effective))  # fmt: skip
+        for i, candidate in enumerate(others):
+            tell("exchange", i / len(others), f"{candidate.name} for {step.effect}")
+            if base.cradle.has(candidate.name):
+                continue
+            try:
+                fit = searcher.adding(base, candidate)
+            except (SimulationError, ValueError):
+                continue
+            refit = judged(base, candidate, fit, last.scored.replicas, inflation, effective)
+            if own - refit.log_evidence < CLOSE:
+                rivals.append((step.effect, candidate.name))
+    doubtful = tuple(dict.fromkeys(own for own, _ in rivals))
+    exchanged = (tuple(rival if name == own else name for name in doubtful) for own, rival in rivals)
+    return (doubtful, *exchanged) if rivals else ()
+
+
+def _rivals(step: Step, decisions: Sequence[Decision]) -> list[Candidate]:
+    """Candidates that were significant where a step was decided and could stand in its place."""
+    if step.decision is None:
+        return []
+    return [
+        refit.candidate for refit in step.decision.refits
+        if refit.candidate.name != step.effect and len(refit.candidate.effects) == 1 and refit.p < ALPHA
+    ]  # fmt: skip

@@ -1,0 +1,114 @@
+"""The files of a diagnosis: diagnosis.json, model.toml and report.html, one page that opens offline."""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from cradle_env.effects import effect
+from identification.diagnose.diagnosis import Diagnosis
+from identification.diagnose.pictures import candidates_figure, comparison_figure, map_figure
+from identification.files import json_text, write_together
+from identification.style import png
+from identification.wording import Rounding, markup, number, ratio, unit_markup
+
+
+def save(diagnosis: Diagnosis, folder: Path) -> dict[str, Any]:
+    """Writes report.html, model.toml and, last, diagnosis.json, whose content it returns."""
+    content = diagnosis.content()
+    texts = {"report.html": html(diagnosis, content), "model.toml": diagnosis.model_toml()}
+    write_together(folder, {**texts, "diagnosis.json": json_text(content)})
+    return content
+
+
+def html(diagnosis: Diagnosis, content: Mapping[str, Any]) -> str:
+    """The report. content: that of diagnosis.json."""
+    from jinja2 import Environment, PackageLoader, StrictUndefined
+
+    environment = Environment(loader=PackageLoader("identification"), autoescape=True, undefined=StrictUndefined)
+    experiment, path = diagnosis.experiment, diagnosis.experiment.path
+    pictures = {
+        "map": map_figure(diagnosis.repaired.examined[0]),
+        "candidates": candidates_figure(diagnosis),
+        "comparison": comparison_figure(diagnosis),
+    }
+    named = [*diagnosis.effects, *(name for names in diagnosis.equivalent for name in names)]
+    return environment.get_template("diagnosis.html").render(
+        title=f"Diagnosis of {'a cradle' if path is None else f'{path.resolve().parent.name}/{path.name}'}",
+        cradle=experiment.cradle,
+        runs=experiment.runs,
+        effects=[declared.name for declared in experiment.cradle.composition],
+        content=content,
+        sentence=sentence(content),
+        good=content["verdict"] in ("nothing_missing", "named") and not content["remainder"]["significant"],
+        declared={name: effect(name) for name in dict.fromkeys(named)},
+        base=_rows(diagnosis, diagnosis.base.values),
+        last=_intervals(diagnosis),
+        steps=[
+            {**step, "probability": _probability(step["probability"]), **{k: ratio(step[k]) for k in _GAPS}}
+            for step in content["steps"]
+        ],
+        gaps={key: ratio(content[key]) for key in ("gap_first", "gap_last")},
+        scores=[
+            {**row, **{key: _digits(row[key]) for key in ("predicted_delta_chi2", "p", "delta_chi2", "log_evidence")},
+             "gap": ratio(row["gap"])}
+            for row in content["candidates"]
+        ],
+        plans=[] if diagnosis.advice is None else diagnosis.advice.plans[:6],
+        pictures={name: base64.b64encode(png(figure)).decode() for name, figure in pictures.items()},
+        model_toml=diagnosis.model_toml(),
+        number=number,
+    )  # fmt: skip
+
+
+_GAPS = ("gap_before", "gap_after", "train_before", "train_after")
+
+
+def sentence(content: Mapping[str, Any]) -> str:
+    """The verdict in words."""
+    names = ", ".join(step["effect"] for step in content["steps"])
+    gaps = f"the held-out gap goes from {ratio(content['gap_first'])} to {ratio(content['gap_last'])}"
+    left = content["remainder"]
+    rest = f" Something is still left (p = {_digits(left['p'])}): {left['described']}." if left["significant"] else ""
+    if content["verdict"] == "nothing_missing":
+        return f"Nothing is missing: what the model leaves is noise (held-out gap {ratio(content['gap_first'])})."
+    if content["verdict"] == "named":
+        return f"Missing from the model: {names}; with it, {gaps}.{rest}"
+    if content["verdict"] == "equivalent":
+        sets = " or ".join(" with ".join(members) for members in content["equivalent"])
+        certain = f"Missing from the model: {names}, and besides" if names else "Missing from the model:"
+        return f"{certain} one of {sets}, which these data cannot tell apart; {gaps}.{rest}"
+    return f"Something is missing, and it is no effect of the catalogue.{rest}"
+
+
+def _digits(value: float | None) -> str:
+    return "–" if value is None else "< 0.001" if 0.0 <= value < 1e-3 else number(value)
+
+
+def _probability(value: float) -> str:
+    return "> 0.999" if value > 0.999 else f"{value:.3f}"
+
+
+def _rows(diagnosis: Diagnosis, values: Mapping[str, float]) -> list[tuple[str, str, str]]:
+    """(symbol, value, unit) of the base model's unknowns of the cradle."""
+    unknowns = [u for u in diagnosis.base.likelihood.unknowns if not u.nuisance]
+    rows = []
+    for u in unknowns:
+        rounding = Rounding.of(values[u.name], abs(values[u.name]) * 1e-2)
+        rows.append((markup(u.symbol), rounding.text(values[u.name]), unit_markup(u.unit, rounding.exponent)))
+    return rows
+
+
+def _intervals(diagnosis: Diagnosis) -> list[tuple[str, str, str, str, str]]:
+    """(symbol, name, median, 95 % interval, unit) of the repaired model's unknowns of the cradle."""
+    rows = []
+    for u in diagnosis.final.likelihood.unknowns:
+        if not u.nuisance:
+            found = diagnosis.parameters[u.name]
+            rounding = Rounding.of(found.median, 0.25 * (found.ci95[1] - found.ci95[0]))
+            interval = " to ".join(rounding.text(end) for end in found.ci95)
+            rows.append((markup(u.symbol), u.name, rounding.text(found.median), interval,
+                         unit_markup(u.unit, rounding.exponent)))  # fmt: skip
+    return rows

@@ -1,0 +1,193 @@
+"""How far each absent effect would go towards what is left, beside all that the fitted unknowns can absorb.
+
+To first order in its strength an effect changes the residuals r by columns S; a refit keeps S⊥ = S − Q Qᵀ S of them.
+Adding it lowers χ² by |P r|², P projecting on the span of S⊥; where a strength has one sign only, by what that sign
+gives. The same numbers of the replicates say how much the best of all candidates gains by chance.
+"""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass
+
+import numpy as np
+
+from cradle_env.simulation import SimulationError, in_threads
+from identification.diagnose.candidates import (
+    Candidate,
+    candidates,
+    filled,
+    is_strength,
+    one_sided,
+    shapes,
+    strength,
+    with_effects,
+)
+from identification.diagnose.fitted import Fitted, span
+from identification.diagnose.locate import log_tail
+from identification.diagnose.search import Searcher, flat, placed
+from identification.unknowns import balanced
+
+#: First strength of the finite differences, in scales; then one that moves readings by this share of the noise;
+#: and how often it is sought.
+_STEP, _MOVED, _TRIES = 1e-3, 0.3, 4
+#: Candidates whose sensitivities after projection are this parallel cannot be told apart to first order.
+PARALLEL = 0.98
+
+
+@dataclass(frozen=True, eq=False)
+class Score:
+    """One candidate's: the χ² that it would save, degrees of freedom, whether its strength has one sign, surprise
+    (−log10 p of this candidate alone), p among all candidates, those it is parallel to, and directions: for each
+    shape an orthonormal basis (R + P, k) and the signs (k,) of strength (0: either)."""
+
+    candidate: Candidate
+    gain: float
+    degrees: int
+    one_sided: bool
+    surprise: float
+    p: float
+    parallel: tuple[str, ...]
+    directions: tuple[np.ndarray, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Scored:
+    """Scores, the most surprising first; p: that of the best among all; replicas: the best one's in each replicate."""
+
+    scores: tuple[Score, ...]
+    p: float
+    largest: float
+    replicas: np.ndarray
+
+
+def score(fitted: Fitted, searcher: Searcher, replicates: np.ndarray) -> Scored:
+    """Scores every candidate; replicates: (R + P, M), see `Fitted.replicates`."""
+    found = []
+    several = candidates(fitted.cradle)
+    sensed = in_threads(lambda candidate: sensitivities(fitted, searcher, candidate), several, 1)
+    replicas = np.zeros(replicates.shape[1])
+    for candidate, columns in zip(several, sensed, strict=True):
+        directions, gains = [], []
+        sided = all(one_sided(p) for p in candidate.declaration.parameters if is_strength(p))
+        sided = sided and bool(candidate.declaration.parameters)
+        best, chance, degrees = 0.0, np.zeros(replicates.shape[1]), 1
+        for S in columns:
+            basis = _seen(fitted, S)
+            if basis is None:
+                continue
+            directions.append(basis)
+            single = sided and S.shape[1] == 1
+            gain = float(_gain(basis, fitted.residuals[:, None], single)[0])
+            gains.append(gain)
+            best, degrees = max(best, gain), max(degrees, basis.shape[1])
+            chance = np.maximum(chance, _gain(basis, replicates, single))
+        replicas = np.maximum(replicas, surprise_of(chance, degrees, sided))
+        own = float(surprise_of(np.array(best), degrees, sided))
+        found.append((candidate, best, degrees, sided, own, tuple(directions)))
+    scores = [
+        Score(candidate, gain, degrees, sided, own, family_p(own, replicas), _parallel(candidate, found), directions)
+        for candidate, gain, degrees, sided, own, directions in found
+    ]
+    scores.sort(key=lambda s: -s.surprise)
+    largest = scores[0].surprise if scores else 0.0
+    return Scored(tuple(scores), family_p(largest, replicas), largest, replicas)
+
+
+def surprise_of(gain: np.ndarray, degrees: int, sided: bool) -> np.ndarray:
+    """−log10 p of a gain in χ²: half of it can be had by a strength of one sign only."""
+    tail = log_tail(np.maximum(gain, 0.0), max(degrees, 1))
+    if sided:
+        tail = tail + np.log(np.where(gain > 0.0, 0.5, 1.0))
+    return -tail / np.log(10.0)
+
+
+def family_p(surprise: float, replicas: np.ndarray) -> float:
+    """p of the best of all candidates: 1 − (1 − p)^n, n the number of independent ones that the replicates show."""
+    if len(replicas) == 0 or np.median(replicas) <= 0.0:
+        return 1.0
+    number = np.log(2.0) / -np.log1p(-min(10.0 ** -float(np.median(replicas)), 1.0 - 1e-12))
+    return float(-np.expm1(max(number, 1.0) * np.log1p(-min(10.0**-surprise, 1.0 - 1e-12))))
+
+
+def _gain(basis: np.ndarray, residuals: np.ndarray, single: bool) -> np.ndarray:
+    """χ² that a candidate saves, (M,): the model must move by −r. A single column's sign is that of the strength."""
+    parts = basis.T @ residuals
+    if single:
+        parts = np.minimum(parts, 0.0)
+    return np.sum(parts**2, axis=0)
+
+
+def _seen(fitted: Fitted, S: np.ndarray) -> np.ndarray | None:
+    """Orthonormal basis of what a refit leaves of the columns S; None if nothing can be seen of them."""
+    lengths = np.linalg.norm(S, axis=0)
+    S = S[:, lengths > 0.0] / lengths[lengths > 0.0]
+    left = fitted.project(S)
+    kept = np.linalg.norm(left, axis=0) > 1e-4
+    if not kept.any():
+        return None
+    if kept.sum() == 1:
+        return left[:, kept] / np.linalg.norm(left[:, kept])
+    return span(left[:, kept])
+
+
+def _parallel(candidate: Candidate, found: list[tuple]) -> tuple[str, ...]:
+    """Names of other candidates that hold nearly the same direction."""
+    own = next(entry[-1] for entry in found if entry[0] is candidate)
+    names = []
+    for other, *_, directions in found:
+        if other is not candidate:
+            cosines = [np.linalg.norm(A.T @ B, 2) for A, B in itertools.product(own, directions)]
+            if cosines and max(cosines) >= PARALLEL:
+                names.append(other.name)
+    return tuple(names)
+
+
+def sensitivities(fitted: Fitted, searcher: Searcher, candidate: Candidate) -> list[np.ndarray]:
+    """For each shape of a candidate, the change of the residuals per strength, (R + P, k); none where impossible.
+
+    An effect without parameters, or one that brings others along, is not small: it is judged by its refit alone.
+    """
+    declared, bobs = candidate.declaration, fitted.cradle.bobs
+    strengths = [p for p in declared.parameters if is_strength(p)]
+    if not strengths or len(candidate.effects) > 1:
+        return []
+    found = []
+    for shape in shapes(declared, bobs):
+        columns = []
+        for parameter in strengths:
+            for element in range(parameter.count(bobs) - parameter.balanced):
+                column = _column(fitted, searcher, candidate, shape, parameter, element if parameter.each else None)
+                if column is not None:
+                    columns.append(column)
+        if columns:
+            found.append(np.column_stack(columns))
+    return found
+
+
+def _column(fitted: Fitted, searcher: Searcher, candidate: Candidate, shape: dict, parameter, element: int | None):
+    """d residuals / d strength of one value of a parameter, (R + P,), by a step that the noise would just show."""
+    declared, bobs = candidate.declaration, fitted.cradle.bobs
+    absent = {p.key: filled(p, p.absent, bobs) for p in declared.parameters if is_strength(p)}
+    step, found = _STEP, None
+    for _ in range(_TRIES):
+        value = min(max(strength(parameter, step), parameter.low), parameter.high)
+        values = {**absent, **shape, parameter.key: value}
+        if element is not None:
+            values[parameter.key] = [value if i == element else v for i, v in enumerate(absent[parameter.key])]
+        values = balanced(declared.name, values)
+        try:
+            likelihood = searcher.likelihood(with_effects(fitted.experiment, {declared.name: values}))
+            stated = likelihood.values(likelihood.start())
+            point = placed(likelihood, {**stated, **fitted.values, **flat(declared.name, values)})
+            moved = likelihood.residuals(point)[: fitted.count] - fitted.residuals[: fitted.count]
+        except (SimulationError, ValueError):
+            break
+        size = float(np.sqrt(np.mean(moved**2)))
+        if size == 0.0 or not np.isfinite(size):
+            break
+        found = np.concatenate([moved / step, np.zeros(len(fitted.residuals) - fitted.count)])
+        if _MOVED / 3.0 < size < 3.0 * _MOVED:
+            break
+        step *= _MOVED / size
+    return found

@@ -1,0 +1,179 @@
+"""Fits of models to the training part, from many starts, kept in a file so that an interrupted search goes on."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cradle_env.effects import effect
+from cradle_env.simulation import SimulationError
+from identification.diagnose.candidates import Candidate, Values, starts, with_effects
+from identification.diagnose.fitted import Fitted
+from identification.experiment import Experiment
+from identification.files import json_text, write_together
+from identification.fit import Progress, bounds, early_rows, find_mode, refine, training_rows
+from identification.likelihood import Likelihood
+
+#: Strengths at which a search starts, in scales of the parameter.
+_FACTORS = (0.1, 1.0, 3.0)
+#: Evaluations by which starts are judged, and how many of them are then refined to the end.
+_FIRST, _LAST, _KEPT = 6, 40, 2
+#: Global searches for a model that seems to fail; relative steps of κ about the best, and how often they are taken.
+_ATTEMPTS, _CLIMBS = 3, 5
+_RUNGS = (0.0003, 0.0007, 0.0015, 0.003, 0.006)
+
+
+class Store:
+    """Points of finished fits by what was fitted, in a file (None: in memory only)."""
+
+    def __init__(self, path: Path | None, inputs: str):
+        self.path, self.inputs, self.points = path, inputs, {}
+        if path is not None and path.is_file():
+            try:
+                known = json.loads(path.read_text(encoding="utf-8"))
+                self.points = known["points"] if known["inputs"] == inputs else {}
+            except (ValueError, KeyError, TypeError):
+                pass  # of another program or broken: begin anew
+
+    def point(self, key: str, find: Callable[[], np.ndarray]) -> np.ndarray:
+        """The point of that key, found if it is not known."""
+        if key not in self.points:
+            self.points[key] = [float(z) for z in find()]
+            if self.path is not None:
+                text = json_text({"inputs": self.inputs, "points": self.points})
+                write_together(self.path.parent, {self.path.name: text})
+        return np.array(self.points[key])
+
+
+class Searcher:
+    """Fits to the training part, or to all that may be fitted; each is done once."""
+
+    def __init__(self, store: Store, seed: int, workers: int | None):
+        self.store, self.seed, self.workers = store, seed, workers
+
+    def globally(self, experiment: Experiment, tell: Progress | None = None, attempt: int = 0) -> Fitted:
+        """The best mode of a model, from anywhere; each attempt draws other starts."""
+        likelihood, seed = self.likelihood(experiment), self.seed + attempt
+        key = _key("globally", experiment, seed)
+        return Fitted(likelihood, self.store.point(key, lambda: find_mode(likelihood, seed, tell).point))
+
+    def settled(self, fitted: Fitted) -> Fitted:
+        """The best mode of a model again, with more effort: other global searches, then fine steps of κ about the
+        best. With many bobs its modes lie a few 0.1 % apart, each a hundred times narrower."""
+        tried = [fitted, *(self.globally(fitted.experiment, None, i) for i in range(1, _ATTEMPTS))]
+        best = min(tried, key=lambda f: f.chi2)
+        if "kappa" not in best.likelihood.names:
+            return best
+        key = _key("settled", best.experiment, best.point.tolist())
+        point = self.store.point(key, lambda: climb(best.likelihood, best.point))
+        return Fitted(best.likelihood, point)
+
+    def nearby(self, experiment: Experiment, values: Mapping[str, float]) -> Fitted:
+        """The mode of a model that is reached from these values of its unknowns."""
+        likelihood = self.likelihood(experiment)
+        key = _key("nearby", experiment, sorted(values.items()))
+        point = placed(likelihood, values)
+        return Fitted(likelihood, self.store.point(key, lambda: refine(likelihood, point, _LAST)[0]))
+
+    def on_everything(self, fitted: Fitted) -> Fitted:
+        """The fit moved to all readings that may be fitted, which choose nothing any more."""
+        likelihood = Likelihood(fitted.experiment, None, self.workers)
+        key = _key("on everything", fitted.experiment, fitted.point.tolist())
+        return Fitted(likelihood, self.store.point(key, lambda: refine(likelihood, fitted.point, _LAST)[0]))
+
+    def adding(self, fitted: Fitted, candidate: Candidate) -> Fitted:
+        """The best fit of the model with a candidate added: from the mode without it and from what was stated, at
+        several strengths on both sides, judged on the early data and on all; and, where it brings no parameter or
+        brings other effects along, from anywhere."""
+        own = candidate.declaration
+        brought = {name: next(starts(effect(name), fitted.cradle.bobs, (1.0,))) for name in candidate.effects}
+        wider = with_effects(fitted.experiment, brought)
+        key = _key("adding", wider, fitted.point.tolist(), self.seed)
+        likelihood = self.likelihood(wider)
+
+        def find() -> np.ndarray:
+            if not own.parameters or len(candidate.effects) > 1:
+                return find_mode(likelihood, self.seed).point
+            origins = {**likelihood.values(likelihood.start()), **fitted.values}, {}
+            tried = []
+            for values in starts(own, fitted.cradle.bobs, _FACTORS):
+                for origin in origins:
+                    tried.append(placed(likelihood, {**origin, **flat(own.name, values)}))
+            return best_of(likelihood, tried)
+
+        return Fitted(likelihood, self.store.point(key, find))
+
+    def likelihood(self, experiment: Experiment) -> Likelihood:
+        """That of the training part."""
+        return Likelihood(experiment, training_rows(experiment)[0], self.workers)
+
+
+def best_of(likelihood: Likelihood, tried: list[np.ndarray]) -> np.ndarray:
+    """Where the best of many starts leads: each a little way, on the early data and on all, the best to the end."""
+    early = Likelihood(likelihood.experiment, early_rows(likelihood), likelihood.workers, likelihood.parameters)
+    reached = []
+    for point in tried:
+        try:
+            reached.append(refine(likelihood, point, _FIRST))
+            closer = refine(early, point, _FIRST)[0]
+            reached.append(refine(likelihood, closer, _FIRST))
+        except (SimulationError, ValueError):  # a start that cannot be
+            continue
+    reached.sort(key=lambda pair: pair[1])
+    if not reached:
+        raise SimulationError("none of the starting values can be simulated")
+    distinct: list[tuple[np.ndarray, float]] = []
+    for point, cost in reached:
+        if all(abs(cost - other) > 1e-2 for _, other in distinct):
+            distinct.append((point, cost))
+    finished = [refine(likelihood, point, _LAST) for point, _ in distinct[:_KEPT]]
+    return min(finished, key=lambda pair: pair[1])[0]
+
+
+def climb(likelihood: Likelihood, point: np.ndarray) -> np.ndarray:
+    """The best mode that fine steps of κ lead to, on and on; (D,)."""
+    k = likelihood.names.index("kappa")
+    cost = float(np.sum(likelihood.residuals(point) ** 2))
+    for _ in range(_CLIMBS):
+        reached = []
+        for step in (*_RUNGS, *(-rung for rung in _RUNGS)):
+            rung = point.copy()
+            rung[k] += step if likelihood.unknowns[k].log else step * point[k]
+            reached.append(refine(likelihood, np.clip(rung, *bounds(likelihood)), _FIRST))
+        best, least = min(reached, key=lambda pair: pair[1])
+        best, least = refine(likelihood, best, _LAST)
+        if least > cost - 1.0:
+            break
+        point, cost = best, least
+    return point
+
+
+def placed(likelihood: Likelihood, values: Mapping[str, float]) -> np.ndarray:
+    """The point of a likelihood at these values of its unknowns, elsewhere at its start; within bounds."""
+    point = likelihood.start()
+    for i, u in enumerate(likelihood.unknowns):
+        if u.name in values:
+            point[i] = u.coordinate(values[u.name])
+    return np.clip(point, *bounds(likelihood))
+
+
+def flat(name: str, values: Values) -> dict[str, float]:
+    """{"effect.key": value} of an effect's values, "effect.key[i]" where there are several."""
+    found = {}
+    for key, value in values.items():
+        if isinstance(value, list | tuple):
+            found |= {f"{name}.{key}[{i}]": one for i, one in enumerate(value, 1)}
+        else:
+            found[f"{name}.{key}"] = value
+    return found
+
+
+def _key(what: str, experiment: Experiment, *more: Any) -> str:
+    cradle = experiment.cradle
+    model = (cradle.model, sorted(cradle.effects), sorted(experiment.unknown_effect_parameters))
+    return hashlib.sha256(json.dumps([what, model, *more]).encode()).hexdigest()[:20]

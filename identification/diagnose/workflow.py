@@ -1,0 +1,77 @@
+"""From an experiment to its diagnosis: locate, name, repair, advise."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from cradle_env import __version__
+from cradle_env.simulation import SimulationError
+from identification.diagnose.advise import Advice, advise, advise_on_lambda
+from identification.diagnose.candidates import candidates, without_effect
+from identification.diagnose.diagnosis import Diagnosis
+from identification.diagnose.fitted import Fitted, with_known_noise
+from identification.diagnose.repair import Repaired, repair
+from identification.diagnose.search import Searcher, Store
+from identification.experiment import Experiment
+from identification.fit import Progress
+
+#: Readings per unknown below which nothing can be said.
+_FEWEST = 5
+
+
+def diagnose(
+    experiment: Experiment,
+    *,
+    out: str | Path | None = None,
+    seed: int = 0,
+    workers: int | None = None,
+    progress: Progress | None = None,
+) -> Diagnosis:
+    """Where a model and measured runs part, what is missing, what the model with it looks like, what to measure next.
+
+    out: folder in which finished fits are kept, so that the same call goes on where it was interrupted. Effects and
+    their order are chosen on the training part alone; gaps are of what was held out. Raises ValueError for what
+    cannot be diagnosed.
+    """
+    tell = progress or (lambda *_: None)
+    estimated = tuple(run.noise is None for run in experiment.runs)
+    known = with_known_noise(experiment)
+    store = Store(None if out is None else Path(out) / "fits.json", f"{__version__}/{experiment.digest}/{seed}")
+    searcher = Searcher(store, seed, workers)
+    _check(searcher, known)
+    tell("search", 0.0, "the model as given")
+    base = searcher.globally(known, tell)
+    repaired = repair(base, searcher, seed, estimated, tell)
+    tell("advise", 0.0, "the next experiment")
+    final = searcher.on_everything(repaired.last.fitted)
+    return Diagnosis(experiment, repaired, final, _advice(repaired, searcher), seed)
+
+
+def _check(searcher: Searcher, experiment: Experiment) -> None:
+    likelihood = searcher.likelihood(experiment)
+    readings = sum(int((run.readings[rows] == run.readings[rows]).sum())
+                   for run, rows in zip(experiment.runs, likelihood.rows, strict=True))  # fmt: skip
+    wanted = _FEWEST * max(len(likelihood.unknowns), 10)
+    if readings < wanted:
+        raise ValueError(f"{readings} readings to fit are too few for a diagnosis; give {wanted} or more")
+
+
+def _advice(repaired: Repaired, searcher: Searcher) -> Advice | None:
+    """The experiment that tells equivalent sets apart; without such, the one that makes λ certain."""
+    if not repaired.alternatives:
+        return advise_on_lambda(repaired.last.fitted)
+    chosen, *others = repaired.alternatives
+    last = repaired.last.fitted
+    models: list[Fitted] = [last]
+    for names in others:
+        model, values = last.experiment, last.values
+        for name in chosen:
+            model = without_effect(model, name)
+        fit = searcher.nearby(model, values)
+        try:
+            for name in names:
+                fit = searcher.adding(fit, next(c for c in candidates(fit.cradle) if c.name == name))
+        except (SimulationError, ValueError, StopIteration):
+            continue
+        models.append(fit)
+    return advise(models, repaired.alternatives) if len(models) > 1 else None

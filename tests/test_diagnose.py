@@ -1,0 +1,221 @@
+"""Diagnoses of data that the soft-contact reference has written: nothing, an effect, a pair that looks the same."""
+
+import dataclasses
+import json
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+import cradle_env  # noqa: F401  registers the environments
+from cradle_env import effects
+from cradle_env.effects import effect
+from cradle_env.model_files import read_model
+from identification import Experiment, diagnose
+from identification.cli import main
+from identification.diagnose.candidates import candidates, starts
+from identification.diagnose.decide import coloured
+from identification.diagnose.diagnosis import VERDICTS
+from identification.diagnose.fitted import Fitted
+from identification.diagnose.locate import locate, log_tail
+from identification.diagnose.report import save
+from identification.diagnose.score import family_p, score
+from identification.diagnose.search import Searcher, Store
+from identification.likelihood import Likelihood
+from tests.independent.laboratory import record, write_experiment
+from tests.independent.soft_contact import SoftCradle
+
+TRUTH = {"k_f": 18000.0, "kappa": 190.0, "b": 0.002}
+STATED = {"k_f": 17000.0, "kappa": 187.0, "b": 0.0023}
+
+
+def written(folder, hidden=None, duration=16.0, **entries):
+    """experiment.toml of two bobs with something hidden; contacts are too short to matter."""
+    cradle = SoftCradle(2, stiffness_factor=1e4, effects=hidden or {}, **TRUTH)
+    recording = record(cradle, {2: 0.228}, duration=duration, seed=4)
+    return write_experiment(folder, [recording], stated=STATED, **entries)
+
+
+@pytest.fixture(scope="module")
+def plain(tmp_path_factory):
+    return written(tmp_path_factory.mktemp("plain"))
+
+
+@pytest.fixture(scope="module")
+def dragged(tmp_path_factory):
+    return written(tmp_path_factory.mktemp("dragged"), {"quadratic_drag": {"c2": 0.02}})
+
+
+@pytest.fixture(scope="module")
+def diagnosed(dragged):
+    return diagnose(Experiment.load(dragged))
+
+
+def test_nothing_is_missing_where_nothing_is(plain):
+    diagnosis = diagnose(Experiment.load(plain))
+    content = diagnosis.content()
+    assert content["verdict"] == "nothing_missing" and content["steps"] == [] and content["equivalent"] == []
+    assert not content["remainder"]["significant"] and content["where"] == []
+    assert content["gap_last"] == content["gap_first"] < 1.1
+    assert read_text_model(diagnosis, plain.parent) == ("nsp", {})
+
+
+def read_text_model(diagnosis, folder):
+    (folder / "model.toml").write_text(diagnosis.model_toml(), encoding="utf-8")
+    return read_model(folder / "model.toml")
+
+
+def test_the_hidden_effect_is_named_and_the_gap_closes(diagnosed):
+    content = diagnosed.content()
+    assert content["verdict"] == "named"
+    (step,) = content["steps"]
+    assert step["effect"] == "quadratic_drag" and step["probability"] > 0.99
+    low, high = step["parameters"]["c2"]["ci95"]
+    assert low < 0.02 < high and high - low < 0.01
+    assert step["gap_before"] > 1.1 and step["gap_after"] < 1.08
+    assert not content["remainder"]["significant"]
+    for name, value in TRUTH.items():
+        low, high = content["parameters"][name]["ci95"]
+        assert abs(content["parameters"][name]["median"] - value) < 1.0 * (high - low)
+
+
+def test_the_scores_predict_what_refits_gain(diagnosed):
+    first = next(s for s in diagnosed.repaired.examined[0].scored.scores if s.candidate.name == "quadratic_drag")
+    refit = next(r for r in diagnosed.repaired.decisions[0].refits if r.candidate.name == "quadratic_drag")
+    assert refit.gain == pytest.approx(first.gain, rel=0.1)
+
+
+def test_files_of_a_diagnosis(diagnosed, tmp_path):
+    content = save(diagnosed, tmp_path)
+    read = json.loads((tmp_path / "diagnosis.json").read_text(encoding="utf-8"))
+    assert read["format"] == "cradle-diagnosis/1" and read["verdict"] in VERDICTS
+    assert {"verdict", "where", "steps", "equivalent", "gap_first", "gap_last", "remainder", "advice"} <= set(read)
+    assert {"run", "bob", "t", "phase", "statistic", "p"} == set(read["where"][0])
+    assert {"significant", "p", "described"} <= set(read["remainder"])
+    assert read["inputs"] == diagnosed.experiment.digest and read["seed"] == 0 and read["version"]
+    page = (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert page.count("data:image/png;base64,") == 3 and "http" not in page.replace("http-equiv", "")
+    assert content["steps"][0]["effect"] in page
+
+
+def test_the_repaired_model_runs_elsewhere(diagnosed, dragged, tmp_path):
+    (tmp_path / "model.toml").write_text(diagnosed.model_toml(), encoding="utf-8")
+    base, added = read_model(tmp_path / "model.toml")
+    assert base == "nsp" and added["quadratic_drag"]["c2"] == pytest.approx(0.02, rel=0.3)
+    env = gym.make("NewtonCradle-v0", bobs=2, model=str(tmp_path / "model.toml"))
+    env.reset(seed=0)
+    env.close()
+    described = dragged.read_text(encoding="utf-8")
+    table = described[described.index("[model]") : described.index("[[run]]")]
+    again = Experiment.parse(described.replace(table, diagnosed.model_toml() + "\n"), dragged)
+    assert again.cradle.effects["quadratic_drag"]["c2"] == added["quadratic_drag"]["c2"]
+
+
+def test_twins_are_equivalent_and_the_advice_cannot_part_them(dragged, monkeypatch):
+    def added(cradle, bobs, values):
+        bobs["c2"] += values["c2"]
+
+    twin = dataclasses.replace(effect("quadratic_drag"), name="twin_drag", apply=added)
+    kept = ("quadratic_drag", *effects.MODELS["nsp"])
+    only = {name: effect(name) for name in kept} | {"twin_drag": twin}
+    monkeypatch.setattr(effects, "_EFFECTS", only)
+    content = diagnose(Experiment.load(dragged)).content()
+    assert content["verdict"] == "equivalent" and content["steps"] == []
+    assert sorted(content["equivalent"]) == [["quadratic_drag"], ["twin_drag"]]
+    assert content["gap_last"] < 1.08
+    assert content["advice"]["expected_log_bayes"] < 0.5
+    assert sorted(content["advice"]["separates"]) == [["quadratic_drag"], ["twin_drag"]]
+
+
+def test_an_interrupted_diagnosis_goes_on(plain, tmp_path):
+    experiment = Experiment.load(plain)
+
+    def stop(stage, *_):
+        if stage == "locate":
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        diagnose(experiment, out=tmp_path, progress=stop)
+    kept = json.loads((tmp_path / "fits.json").read_text(encoding="utf-8"))["points"]
+    assert len(kept) == 1
+    stages = []
+    whole = diagnose(experiment, out=tmp_path, progress=lambda stage, _, text: stages.append((stage, text)))
+    assert [text for stage, text in stages if stage == "search"] == ["the model as given"]  # not searched again
+    assert json.loads((tmp_path / "fits.json").read_text(encoding="utf-8"))["points"].items() >= kept.items()
+    assert whole.content() == diagnose(experiment).content()
+
+
+def test_fits_of_other_inputs_are_not_used(tmp_path):
+    (tmp_path / "fits.json").write_text('{"inputs": "other", "points": {"a": [1.0]}}', encoding="utf-8")
+    assert Store(tmp_path / "fits.json", "these").points == {}
+    (tmp_path / "fits.json").write_text("broken", encoding="utf-8")
+    assert Store(tmp_path / "fits.json", "these").points == {}
+
+
+def test_replicates_look_like_what_a_right_model_leaves(plain):
+    """Places and candidates of replicates are judged as the data are: p is uniform, and 5 % lie below 0.05."""
+    experiment = Experiment.load(plain)
+    searcher = Searcher(Store(None, ""), 0, 1)
+    fitted = searcher.globally(experiment)
+    rng = np.random.default_rng(1)
+    replicates = fitted.replicates(300, rng, (False,))
+    assert np.allclose(fitted.absorbed.T @ replicates, 0.0, atol=1e-9)
+    located, scored = locate(fitted, replicates), score(fitted, searcher, replicates)
+    again = fitted.replicates(300, rng, (False,))
+    other = locate(fitted, again).replicas
+    assert np.mean(other > np.quantile(located.replicas, 0.95)) == pytest.approx(0.05, abs=0.04)
+    chance = np.array([family_p(s, scored.replicas) for s in score(fitted, searcher, again).replicas])
+    assert np.mean(chance < 0.05) == pytest.approx(0.05, abs=0.04)
+
+
+def test_estimated_noise_widens_the_replicates(plain):
+    experiment = Experiment.load(plain)
+    fitted = Fitted(Likelihood(experiment), Likelihood(experiment).start())
+    known, estimated = (fitted.replicates(60, np.random.default_rng(0), (flag,)) for flag in (False, True))
+    spread = [np.std(np.sum(r**2, axis=0)) for r in (known, estimated)]
+    assert spread[1] > 1.3 * spread[0]
+
+
+def test_correlated_residuals_count_for_less(plain):
+    experiment = Experiment.load(plain)
+    fitted = Fitted(Likelihood(experiment), Likelihood(experiment).start())
+    rng = np.random.default_rng(0)
+    white = rng.standard_normal((len(experiment.runs[0].times), 2))
+    walk = np.zeros_like(white)
+    for i in range(1, len(white)):
+        walk[i] = 0.9 * walk[i - 1] + np.sqrt(1 - 0.81) * white[i]
+    for noise, expected in ((white, 1.0), (walk, 19.0)):
+        vars(fitted)["residuals"] = noise.ravel()
+        inflation, effective = coloured(fitted)
+        assert inflation == pytest.approx(expected, rel=0.25)
+        assert effective == pytest.approx(white.size / expected, rel=0.25)
+
+
+def test_candidates_come_from_the_declarations(plain):
+    cradle = Experiment.load(plain).cradle
+    names = [c.name for c in candidates(cradle)]
+    assert "quadratic_drag" in names and not set(names) & {e.name for e in cradle.composition}
+    ho = {c.name: c for c in candidates(cradle.replace(model="ho"))}
+    assert ho["string_hysteresis"].effects == ("large_angle", "radial_elasticity", "string_hysteresis")
+    assert [v["offset"] for v in starts(effect("angle_offset"), 2, (1.0, 3.0))] == [0.002, 0.006, -0.002, -0.006]
+    assert [v["c2"] for v in starts(effect("quadratic_drag"), 2, (1.0,))] == [0.001]
+    assert "contact_duration" not in [c.name for c in candidates(cradle.replace(bobs=1))]
+
+
+def test_tail_of_chi2_beyond_the_smallest_number():
+    assert log_tail(601.1, 1) == pytest.approx(log_tail(600.9, 1) - 0.1, abs=1e-3)
+    assert np.isfinite(log_tail(1e7, 3600)) and log_tail(1e7, 3600) < -4e6
+
+
+def test_too_few_readings_are_refused(tmp_path, capsys):
+    path = written(tmp_path, duration=0.5)
+    assert main(["diagnose", str(path), "--out", str(tmp_path / "out")]) == 2
+    message = capsys.readouterr().err
+    assert message.count("\n") == 1 and "too few" in message
+    assert main(["diagnose", str(tmp_path / "none.toml"), "--out", str(tmp_path / "out")]) == 2
+
+
+def test_the_command(plain, tmp_path, capsys):
+    assert main(["diagnose", str(plain), "--out", str(tmp_path), "--workers", "1"]) == 0
+    assert capsys.readouterr().out.startswith("nothing_missing: Nothing is missing")
+    assert {"diagnosis.json", "model.toml", "report.html", "fits.json"} <= {p.name for p in tmp_path.iterdir()}
