@@ -15,13 +15,14 @@ from identification import Experiment, diagnose
 from identification.cli import main
 from identification.diagnose.candidates import candidates, starts
 from identification.diagnose.decide import coloured
-from identification.diagnose.diagnosis import VERDICTS
+from identification.diagnose.diagnosis import VERDICTS, Interval, effect_parameters
 from identification.diagnose.fitted import Fitted
 from identification.diagnose.locate import locate, log_tail
 from identification.diagnose.report import save
 from identification.diagnose.score import family_p, score
 from identification.diagnose.search import Searcher, Store
 from identification.likelihood import Likelihood
+from identification.unknowns import with_value
 from tests.independent.laboratory import record, write_experiment
 from tests.independent.soft_contact import SoftCradle
 
@@ -219,3 +220,14 @@ def test_the_command(plain, tmp_path, capsys):
     assert main(["diagnose", str(plain), "--out", str(tmp_path), "--workers", "1"]) == 0
     assert capsys.readouterr().out.startswith("nothing_missing: Nothing is missing")
     assert {"diagnosis.json", "model.toml", "report.html", "fits.json"} <= {p.name for p in tmp_path.iterdir()}
+
+
+def test_values_per_bob_or_gap_are_unknowns_one_by_one_or_all_alike():
+    known = {"offset": [0.0, 0.0, 0.0]}
+    assert with_value(known, "offset[2]", 0.1)["offset"] == [0.0, 0.1, 0.0]
+    assert with_value(known, "offset[*]", 0.1)["offset"] == [0.1, 0.1, 0.1]
+    assert with_value(known, "c2", 0.1) == {**known, "c2": 0.1}
+    parameters = {f"spacer_offset.offset[{i}]": Interval("1", 0.1 * i, (0.0, i)) for i in (1, 2)}
+    assert effect_parameters(parameters, "spacer_offset") == {
+        "offset": {"median": [0.1, 0.2], "ci95": [[0.0, 1], [0.0, 2]]}
+    }

@@ -20,6 +20,8 @@ from identification.fit import Progress
 
 #: Replicates of each model, and how many effects may be added.
 REPLICATES, _MOST_STEPS = 400, 6
+#: Share of the excess χ² that an effect must explain to be named where more than noise is left in the end.
+_SHARE = 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,8 +53,8 @@ class Step:
 
 @dataclass(frozen=True, eq=False)
 class Repaired:
-    """All models examined, the base first; the steps kept; those taken out again; alternatives: sets of effects of
-    which each would do as well as the last steps, [] where there is no doubt."""
+    """All models examined, the base first; the steps kept; names withdrawn or taken out again; alternatives: sets of
+    effects of which each would do as well as the last steps, () where there is no doubt."""
 
     examined: tuple[Examined, ...]
     decisions: tuple[Decision, ...]
@@ -101,9 +103,25 @@ def repair(
         tell("locate", 0.0, f"what is left with {steps[-1].effect}")
         examined.append(examine_settled(steps[-1].after, searcher, seed, estimated))
         steps[-1] = dataclasses.replace(steps[-1], after=examined[-1].fitted)
+    withdrawn = _withdraw(examined, steps)
     last, kept, removed = _without_the_needless(examined[-1], steps, searcher, seed, estimated)
     alternatives = _exchanges(last, kept, decisions, searcher, tell)
-    return Repaired(tuple(examined), tuple(decisions), tuple(kept), tuple(removed), alternatives, last)
+    return Repaired(tuple(examined), tuple(decisions), tuple(kept), (*withdrawn, *removed), alternatives, last)
+
+
+def _withdraw(examined: list[Examined], steps: list[Step]) -> list[str]:
+    """Takes back names that leave most of what they were to explain: where more than noise remains, something unknown
+    is at work, and an effect that only bends towards it is not what is missing. Returns the names."""
+    withdrawn = []
+    while steps and examined[-1].significant:
+        before, after = (now.fitted.chi2 - now.fitted.count for now in examined[-2:])
+        if after < (1.0 - _SHARE) * before:
+            break
+        decision = steps[-1].decision
+        while steps and steps[-1].decision is decision:
+            withdrawn.append(steps.pop().effect)
+        examined.pop()
+    return withdrawn
 
 
 def _steps(before: Fitted, decision: Decision, searcher: Searcher) -> list[Step]:

@@ -8,6 +8,7 @@ gives. The same numbers of the replicates say how much the best of all candidate
 from __future__ import annotations
 
 import itertools
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -30,7 +31,7 @@ from identification.unknowns import balanced
 
 #: First strength of the finite differences, in scales; then one that moves readings by this share of the noise;
 #: and how often it is sought.
-_STEP, _MOVED, _TRIES = 1e-3, 0.3, 4
+_STEP, _MOVED, _TRIES = 1e-2, 0.3, 8
 #: Candidates whose sensitivities after projection are this parallel cannot be told apart to first order.
 PARALLEL = 0.98
 
@@ -189,5 +190,5 @@ def _column(fitted: Fitted, searcher: Searcher, candidate: Candidate, shape: dic
         found = np.concatenate([moved / step, np.zeros(len(fitted.residuals) - fitted.count)])
         if _MOVED / 3.0 < size < 3.0 * _MOVED:
             break
-        step *= _MOVED / size
+        step *= math.sqrt(_MOVED / size) if size < _MOVED else _MOVED / size  # a blur grows as its square
     return found
