@@ -23,6 +23,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import cradle_env
+from cradle_env import SimulationError
 from cradle_env.effects import Effect, Parameter, register
 from cradle_env.env import NewtonCradleEnv
 from cradle_env.mechanics import parameters as p
@@ -942,3 +943,18 @@ def test_what_is_no_posterior_is_refused(tmp_path: Path) -> None:
     for path in (text, tmp_path):
         with pytest.raises(ValueError, match=r"is no posterior of a calibration; name the posterior\.nc"):
             NewtonCradleEnv().reset(options={"posterior": path})
+
+
+def test_bobs_that_bounce_without_end_are_an_error_and_no_hang() -> None:
+    """Bobs seven times as large as their pendulums are long, dragged to a halt against each other."""
+    env = NewtonCradleEnv(
+        bobs=6, model="pendulum", start="hanging", delta=-0.006216, delta_range=(-0.008354, 0.005242), radius=0.1351,
+        release_angle=2.8354, release_angle_range=(2.6889, 2.8824), spacer_speed=0.0036525, control_interval=0.1,
+        duration=4.0, mass=0.58698, length=0.020286, k_f=1.0, b=20.0, gravity=14.4756,
+        effects={"pivot_friction": {"tau_c": 0.071053}},
+    )  # fmt: skip
+    env.reset(seed=0)
+    rng = np.random.default_rng(0)
+    with pytest.raises(SimulationError, match=r"stopped after 0\.4 s: more impacts at one instant"):
+        for _ in range(40):
+            env.step(rng.uniform(-1, 1, 2))

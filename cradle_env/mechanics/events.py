@@ -21,6 +21,7 @@ from cradle_env.mechanics.parameters import (
     DIM,
     DUE,
     END,
+    EVENTS,
     FIRST,
     IMPACTS,
     LAST,
@@ -32,6 +33,7 @@ from cradle_env.mechanics.parameters import (
     OPEN,
     OUT,
     PART,
+    PROGRESS,
     RATE0,
     RATE1,
     RELEASE,
@@ -54,7 +56,7 @@ from cradle_env.mechanics.strings import slacken, stretch, turn
 # What a run can end with.
 DONE, FULL, STALLED, NOT_FINITE = 0, 1, 2, 3
 # So many events without this much progress [s] are a stall.
-_STALL_EVENTS, _STALL_TIME = 20000, 1e-2
+_STALL_EVENTS, _STALL_TIME = 2000, 1e-2
 _FIRST = np.int64(0)
 
 
@@ -79,7 +81,6 @@ def advance(cradle, bobs, table, S, W, until, times, motion, energy, impacts, co
     """The loop of `run`: every event up to `until` [s]."""
     if S[0, T1] == S[0, T0] and not begin(cradle, bobs, S, W):
         return NOT_FINITE, count
-    events, progress = 0, -1.0
     while True:
         bob, end, p, meeting = next_event(S)
         now = min(end, meeting)
@@ -87,10 +88,10 @@ def advance(cradle, bobs, table, S, W, until, times, motion, energy, impacts, co
             return DONE, count
         if len(impacts) - count < len(bobs):
             return FULL, count
-        events += 1
-        if now - progress > _STALL_TIME:
-            events, progress = 0, now
-        if events > _STALL_EVENTS:
+        S[0, EVENTS] += 1.0
+        if now - S[0, PROGRESS] > _STALL_TIME:
+            S[0, EVENTS], S[0, PROGRESS] = 0.0, now
+        if S[0, EVENTS] > _STALL_EVENTS:
             return STALLED, count
         if meeting <= end:
             lo, hi, count = meet(cradle, bobs, table, S, W, p, times, motion, energy, impacts, count)

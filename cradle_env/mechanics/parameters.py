@@ -138,7 +138,8 @@ DUE, WHOSE = 46, 47  # what ends the segment, and for which bob or pair
 LINK, MEETING = 48, 49  # of pair i, i + 1: its state; the instant at which it will touch [s], inf: not foreseen
 SAMPLED = 50  # samples already taken
 STEPS, TURNS, IMPACTS, MULTI_BODY, SETTLED = 51, 52, 53, 54, 55  # how often what happened to this bob or pair
-COLUMNS = 56
+EVENTS, PROGRESS = 56, 57  # of row 0: events since the run last made headway, and when that was [s]
+COLUMNS = 58
 
 # Columns of the scratch W (N, SCRATCH).
 TRIAL, OUT = map(_INT, (0, DIM))  # a stage's motion; where a step arrives
