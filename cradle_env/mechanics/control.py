@@ -34,17 +34,15 @@ REPORT: tuple[str, ...] = (
 
 
 @entry
-def step(
-    cradles, bobs, table, S, W, angles, episodes, ring, times, motion, impacts, report, actions, observations, lo, hi
-):
+def step(cradles, bobs, table, S, W, angles, episodes, ring, impacts, report, actions, observations, lo, hi):
     """One control interval of the episodes lo..hi-1; returns the first status that is not DONE.
 
     cradles (K,) CRADLE; bobs (K, N) BOB; S (K, N, COLUMNS); W and angles (N,): scratch; episodes (K,) EPISODE;
-    ring (K, R) rad: the lifted bob's angle over sigma's window; times (0,) and motion (0, 0, 4): nothing;
-    impacts (M, 4): those of the last run's interval; report (K, len(REPORT)); actions (K, A) in [-1, 1];
-    observations (K, 4 N + 3).
+    ring (K, R) rad: the lifted bob's angle over sigma's window; impacts (M, 4): those of the last run's interval;
+    report (K, len(REPORT)); actions (K, A) in [-1, 1]; observations (K, 4 N + 3).
     """
     worst = DONE
+    times, motion = W[0, :0], S[:0]  # the runs take no samples
     for k in range(lo, hi):
         status = _step(
             cradles[k], bobs[k], table, S[k], W, angles, episodes[k], ring[k], actions[k],
