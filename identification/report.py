@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from cradle_env.effects import CATALOGUE
+from identification.page import page
 from identification.posterior import Posterior
 from identification.wording import (
     convergence_verdict,
@@ -64,18 +65,13 @@ _PACKAGES = ("newtons-cradle", "numpy", "scipy", "numba", "emcee", "arviz")
 
 def calibration_html(posterior: Posterior, summary: Mapping[str, Any], pictures: Mapping[str, bytes]) -> str:
     """The report as HTML. summary: that of the posterior; pictures: PNG files by name, those of `_CAPTIONS` shown."""
-    from jinja2 import Environment, PackageLoader, StrictUndefined
-
-    environment = Environment(loader=PackageLoader("identification"), autoescape=True, undefined=StrictUndefined)
-    experiment, path = posterior.experiment, posterior.experiment.path
     entries = {name: _row(posterior, name, found) for name, found in summary["parameters"].items()}
     if summary["lambda"]:
         entries["lambda"] = _row(posterior, "lambda", summary["lambda"])
-    return environment.get_template("calibration.html").render(
-        title=f"Calibration of {'a cradle' if path is None else f'{path.resolve().parent.name}/{path.name}'}",
-        cradle=experiment.cradle,
-        runs=experiment.runs,
-        effects=[effect.name for effect in experiment.cradle.composition],
+    return page(
+        "calibration.html",
+        "Calibration",
+        posterior.experiment,
         summary=summary,
         convergence=convergence_verdict(summary),
         model=model_verdict(summary),

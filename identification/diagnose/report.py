@@ -11,6 +11,7 @@ from cradle_env.effects import effect
 from identification.diagnose.diagnosis import Diagnosis
 from identification.diagnose.pictures import candidates_figure, comparison_figure, map_figure
 from identification.files import json_text, write_together
+from identification.page import page
 from identification.style import png
 from identification.wording import Rounding, markup, number, ratio, unit_markup
 
@@ -25,21 +26,16 @@ def save(diagnosis: Diagnosis, folder: Path) -> dict[str, Any]:
 
 def html(diagnosis: Diagnosis, content: Mapping[str, Any]) -> str:
     """The report. content: that of diagnosis.json."""
-    from jinja2 import Environment, PackageLoader, StrictUndefined
-
-    environment = Environment(loader=PackageLoader("identification"), autoescape=True, undefined=StrictUndefined)
-    experiment, path = diagnosis.experiment, diagnosis.experiment.path
     pictures = {
         "map": map_figure(diagnosis.repaired.examined[0]),
         "candidates": candidates_figure(diagnosis),
         "comparison": comparison_figure(diagnosis),
     }
     named = [*diagnosis.effects, *(name for names in diagnosis.equivalent for name in names)]
-    return environment.get_template("diagnosis.html").render(
-        title=f"Diagnosis of {'a cradle' if path is None else f'{path.resolve().parent.name}/{path.name}'}",
-        cradle=experiment.cradle,
-        runs=experiment.runs,
-        effects=[declared.name for declared in experiment.cradle.composition],
+    return page(
+        "diagnosis.html",
+        "Diagnosis",
+        diagnosis.experiment,
         content=content,
         sentence=sentence(content),
         good=content["verdict"] in ("nothing_missing", "named") and not content["remainder"]["significant"],
