@@ -34,7 +34,8 @@ def _plain(value):
     return value
 
 
-def _rebuilt(kind: type, fields: dict):
+def rebuilt(kind: type, fields: dict):
+    """An object from its fields, as pickle makes it again."""
     return kind(**fields)
 
 
@@ -126,7 +127,7 @@ class Cradle:
         return dataclasses.replace(cradle, kappa=cradle._kappa_for(check_range("beta", beta, "", 0.0, above=True)))
 
     def __reduce__(self):
-        return _rebuilt, (type(self), _plain(self))
+        return rebuilt, (type(self), _plain(self))
 
     def replace(self, **fields) -> Cradle:
         """A copy with some fields changed."""
@@ -242,7 +243,7 @@ class Release:
             object.__setattr__(self, "angles", MappingProxyType(angles))
 
     def __reduce__(self):
-        return _rebuilt, (type(self), _plain(self))
+        return rebuilt, (type(self), _plain(self))
 
     def angles_of(self, cradle: Cradle) -> np.ndarray:
         """Release angle of each bob [rad], nan for those that hang; shape (N,)."""

@@ -88,6 +88,9 @@ class NewtonCradleEnv(gym.Env[np.ndarray, np.ndarray]):
     Terminated when synchronized: σ ≤ `synchronized_at` throughout a whole window. Truncated after `duration`; the
     registered time limit is 3600 steps, which is 60 s, so a longer episode needs `max_episode_steps` too.
 
+    A step raises `SimulationError` if the motion cannot be carried on: strings or bobs far from any cradle's, which
+    press and bounce without end.
+
     ## Arguments
 
     ```python
@@ -124,9 +127,6 @@ class NewtonCradleEnv(gym.Env[np.ndarray, np.ndarray]):
     ## Version history
 
     v0: first version.
-
-    A step raises `SimulationError` if the motion cannot be carried on: strings or bobs far from any cradle's, which
-    press and bounce without end.
     """
 
     metadata: dict[str, Any] = {"render_modes": ["human", "rgb_array", "ansi"], "render_fps": 60}  # noqa: RUF012  as Gymnasium declares it

@@ -98,8 +98,12 @@ class NewtonCradleReleaseEnv(gym.Env[np.ndarray, np.ndarray]):
         self._episode, posterior = self.settings.for_episode(options)
         super().reset(seed=seed)
         self._cradle, self._angle = self._episode.drawn(self.np_random, posterior)
-        delta = float(self._cradle.gaps[0]) if self._cradle.bobs > 1 else 0.0
-        self._info = {"newton_exponent": 0.0, "delta": delta, "release_angle": self._angle, "cradle": self._cradle}
+        self._info = {
+            "newton_exponent": 0.0,
+            "delta": self._cradle.delta,
+            "release_angle": self._angle,
+            "cradle": self._cradle,
+        }
         return self._observation(np.ones(len(FEATURES)), self._info), dict(self._info)
 
     def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from gymnasium.error import InvalidAction
 
-from cradle_env.cradle import CRADLE_NUMBERS, Cradle, Release
+from cradle_env.cradle import CRADLE_NUMBERS, Cradle, Release, rebuilt
 from cradle_env.effects import MODELS
 from cradle_env.errors import check_range, unknown_key
 from cradle_env.model_files import read_model, read_posterior
@@ -135,7 +135,10 @@ class Settings:
 
     def __reduce__(self):
         fields = {f.name: getattr(self, f.name) for f in dataclasses.fields(self)}
-        return _settings, ({**fields, "effects": dict(self.effects), "cradle": dict(self.cradle)},)
+        return rebuilt, (
+            type(self),
+            {**fields, "effects": dict(self.effects), "cradle": dict(self.cradle)},
+        )
 
     def _checked_limits(self, name: str, unit: str, low: float, high: float) -> tuple[float, float]:
         limits = getattr(self, name)
@@ -230,7 +233,7 @@ class Settings:
 
     def meaning(self, action: np.ndarray, cradle: Cradle, angle: float) -> dict[str, float]:
         """δ and release angle [rad] that an action stands for, on a cradle and at an angle that were drawn."""
-        drawn = {"delta": float(cradle.gaps[0]) if cradle.bobs > 1 else 0.0, "release_angle": angle}
+        drawn: dict[str, Any] = {"delta": cradle.delta, "release_angle": angle}
         for name, number in zip(self.actions, action, strict=True):
             low, high = getattr(self, f"{name}_range")
             drawn[name] = float(np.interp(number, [-1.0, 0.0, 1.0], [low, drawn[name], high]))
@@ -258,10 +261,6 @@ SETTINGS = (*(f.name for f in dataclasses.fields(Settings) if f.name != "cradle"
 _LASTING = tuple(
     f.name for f in dataclasses.fields(Settings) if f.name not in (*PER_EPISODE, "cradle", "model", "effects", "dtype")
 )
-
-
-def _settings(fields: dict[str, Any]) -> Settings:
-    return Settings(**fields)
 
 
 def as_numbers(action: Any) -> np.ndarray:

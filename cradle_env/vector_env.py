@@ -78,6 +78,8 @@ class NewtonCradleVectorEnv(VectorEnv):
         self._steps = np.zeros(self.num_envs, int)
         self._over = np.zeros(self.num_envs, bool)
         self._ready = False
+        # Those whose reward is a function.
+        self._rewarding = [k for k, own in enumerate(self._each) if not isinstance(own.reward, str)]
         workers = min(workers or cores(), self.num_envs)
         self._steppers = [self._episodes.stepper() for _ in range(workers)]
         self._pool: ThreadPoolExecutor | None = None
@@ -130,15 +132,14 @@ class NewtonCradleVectorEnv(VectorEnv):
         if self.autoreset_mode is AutoresetMode.DISABLED and self._over.any():
             raise error.ResetNeeded(f"episodes {_indices(self._over)} are over; reset them with options reset_mask")
         waiting = _indices(self._over)
-        custom = [k for k, own in enumerate(self._each) if not isinstance(own.reward, str)]
-        before = {k: self._info(k) for k in custom}
+        before = {k: self._info(k) for k in self._rewarding}
         self._advance(actions, waiting)
         for k in waiting:
             self._begin(k)
 
         report, moved = self._episodes.report, ~self._over
         rewards = np.where(moved, report[:, REWARD], 0.0)
-        for k in custom:
+        for k in self._rewarding:
             if moved[k]:
                 rewards[k] = float(self._each[k].reward(before[k], self._info(k)))  # type: ignore[operator]
         self._steps[moved] += 1

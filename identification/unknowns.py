@@ -110,7 +110,7 @@ def matters(cradle: Cradle, name: str) -> bool:
 
 def _field_unknown(cradle: Cradle, name: str, prior: Prior | None) -> Unknown:
     unit, symbol = FIELDS[name]
-    start = float(np.mean(cradle.gaps)) if name == "delta" else float(getattr(cradle, name))
+    start = float(np.mean(cradle.delta)) if name == "delta" else float(getattr(cradle, name))
     if prior is not None:
         return _with_prior(Unknown(name, unit, symbol, start), prior)
     factor = _FACTOR[name]

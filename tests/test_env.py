@@ -958,3 +958,14 @@ def test_bobs_that_bounce_without_end_are_an_error_and_no_hang() -> None:
     with pytest.raises(SimulationError, match=r"stopped after 0\.4 s: more impacts at one instant"):
         for _ in range(40):
             env.step(rng.uniform(-1, 1, 2))
+
+
+@pytest.mark.parametrize("action", [-0.5, 0.0, 0.5])
+def test_a_displaced_pivot_is_no_part_of_the_delta_that_is_set(action: float) -> None:
+    """With the pivots off by 0.003 the spacer still goes where it is sent, in both environments."""
+    told = {"bobs": 2, "delta": 0.01, "actions": ("delta",), "effects": {"spacer_offset": {"offset": [0.003]}}}
+    deltas = []
+    for env in (NewtonCradleEnv(**told), NewtonCradleReleaseEnv(**told)):
+        env.reset(seed=0)
+        deltas.append(env.step(np.array([action]))[4]["delta"])
+    np.testing.assert_allclose(deltas, np.interp(action, [-1, 0, 1], [-0.02, 0.01, 0.1]), rtol=1e-12)
