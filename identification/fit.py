@@ -45,7 +45,7 @@ def find_mode(likelihood: Likelihood, seed: int = 0, progress: Progress | None =
     starts[0] = likelihood.start()
     starts = np.clip(starts, *bounds(likelihood))
     tell("search", 0.0, f"{_DRAWS} points")
-    costs = np.array(in_threads(lambda z: _cost(early, z), list(starts), likelihood.workers))
+    costs = np.array(in_threads(lambda z: cost(early, z), list(starts), likelihood.workers))
     best = starts[np.argsort(costs)[:_REFINED]]
     refined = []
     for k, point in enumerate(best):
@@ -56,13 +56,13 @@ def find_mode(likelihood: Likelihood, seed: int = 0, progress: Progress | None =
     for k, (point, _) in enumerate(refined[:_FINISHED]):
         tell("search", (_REFINED + k + 1) / (_REFINED + _FINISHED + 2), "refining on all data")
         finished.append(refine(likelihood, point, 20))
-    point, cost = min(finished, key=lambda pair: pair[1])
+    point, least = min(finished, key=lambda pair: pair[1])
     if "kappa" in likelihood.names:
         tell("search", 0.9, "neighbouring modes of κ")
-        point, cost = _climb_ladder(likelihood, point, cost)
+        point, least = _climb_ladder(likelihood, point, least)
     _reweigh(likelihood, point)
-    point, cost = refine(likelihood, point, 40)
-    return _mode(likelihood, point, cost)
+    point, least = refine(likelihood, point, 40)
+    return _mode(likelihood, point, least)
 
 
 def _reweigh(likelihood: Likelihood, point: np.ndarray) -> None:
@@ -73,7 +73,7 @@ def _reweigh(likelihood: Likelihood, point: np.ndarray) -> None:
             likelihood.weighing[k] = max(rms(residual), likelihood.noise[k])
 
 
-def _climb_ladder(likelihood: Likelihood, point: np.ndarray, cost: float) -> tuple[np.ndarray, float]:
+def _climb_ladder(likelihood: Likelihood, point: np.ndarray, least: float) -> tuple[np.ndarray, float]:
     """The better of the point and what its neighbours in κ lead to."""
     k = likelihood.names.index("kappa")
     while True:
@@ -82,12 +82,12 @@ def _climb_ladder(likelihood: Likelihood, point: np.ndarray, cost: float) -> tup
             rung = point.copy()
             rung[k] += step if likelihood.unknowns[k].log else step * point[k]
             rungs.append(np.clip(rung, *bounds(likelihood)))
-        costs = np.array(in_threads(lambda z: _cost(likelihood, z), rungs, likelihood.workers))
+        costs = np.array(in_threads(lambda z: cost(likelihood, z), rungs, likelihood.workers))
         tried = [refine(likelihood, rungs[i], 8) for i in np.argsort(costs)[:3]]
         best, best_cost = min(tried, key=lambda pair: pair[1])
-        if best_cost >= cost - 1e-3 * abs(cost):
-            return (best, best_cost) if best_cost < cost else (point, cost)
-        point, cost = best, best_cost
+        if best_cost >= least - 1e-3 * abs(least):
+            return (best, best_cost) if best_cost < least else (point, least)
+        point, least = best, best_cost
 
 
 def refit(likelihood: Likelihood, point: np.ndarray) -> np.ndarray:
@@ -123,7 +123,8 @@ def _safe_residuals(likelihood: Likelihood, point: np.ndarray, length: int | Non
         return np.full(length, _IMPOSSIBLE)
 
 
-def _cost(likelihood: Likelihood, point: np.ndarray) -> float:
+def cost(likelihood: Likelihood, point: np.ndarray) -> float:
+    """Sum of squared residuals at a point; infinite where it is impossible."""
     try:
         return float(np.sum(likelihood.residuals(point) ** 2))
     except (SimulationError, ValueError):
@@ -174,8 +175,8 @@ def refine(likelihood: Likelihood, point: np.ndarray, evaluations: int) -> tuple
         (low - 1e-12, high + 1e-12),
         x_scale=_steps(likelihood),
         max_nfev=evaluations,
-        xtol=1e-10,
-        ftol=1e-10,
+        xtol=1e-8,
+        ftol=1e-8,
     )
     return found.x, 2.0 * float(found.cost)
 

@@ -172,7 +172,11 @@ def _effect_unknown(cradle: Cradle, name: str, prior: Prior | None) -> Unknown:
     start: Any = cradle.effects.get(effect_name, {}).get(key, p.scale)
     start = start if element is None else start[max(element, 0)]
     symbol = p.symbol if element is None or element < 0 else f"{p.symbol}_{element + 1}"
-    unknown = Unknown(name, p.unit, symbol, start, low=p.low, high=p.high, search=p.scale)
+    if p.log:  # where the effect is absent, a search begins at its scale
+        start, search = (start if math.isfinite(start) else p.scale), 1.0
+    else:
+        search = p.scale
+    unknown = Unknown(name, p.unit, symbol, start, low=p.low, high=p.high, log=p.log, search=search)
     return unknown if prior is None else _with_prior(unknown, prior)
 
 

@@ -188,7 +188,7 @@ def test_declared_fully(effect: Effect) -> None:
         assert p.unit.strip()
         assert p.meaning.strip()
         assert p.low < p.high
-        assert math.isnan(p.absent) or p.low <= p.absent <= p.high
+        assert not math.isfinite(p.absent) or p.low <= p.absent <= p.high
         assert p.low <= p.scale <= p.high
         assert p.scale != p.absent
     assert set(effect.requires) <= {other.name for other in CATALOGUE}

@@ -22,7 +22,8 @@ PLACES = ("string", "bob", "contact", "support", "measurement")
 class Parameter:
     """One parameter of an effect.
 
-    absent: the value at which the effect is not there (nan for a parameter that then means nothing);
+    absent: the value at which the effect is not there (inf where it fades as this grows, nan for a parameter that
+    then means nothing);
     low, high: physical bounds; scale: a typical size, which starts searches and sets priors; each: "bob" or "gap"
     where there is one number for each of them; balanced: these sum to 0.
     """
@@ -38,6 +39,11 @@ class Parameter:
     each: str = ""
     balanced: bool = False
 
+    @property
+    def log(self) -> bool:
+        """Whether only its order of magnitude is known beforehand: positive, and not absent at a finite value."""
+        return self.low > 0.0 and not math.isfinite(self.absent)
+
     def count(self, bobs: int) -> int:
         """How many numbers a cradle of N bobs needs."""
         return {"": 1, "bob": bobs, "gap": bobs - 1}[self.each]
@@ -49,7 +55,7 @@ class Parameter:
         if not self.each:
             if several:
                 raise ValueError(f"{name} takes one number [{self.unit}], not a list")
-            return check_range(name, number, self.unit, self.low, self.high)
+            return number if number == self.absent else check_range(name, number, self.unit, self.low, self.high)
         values = list(number) if several else [number] * self.count(bobs)
         if len(values) != self.count(bobs):
             raise ValueError(f"{name} has {len(values)} values; {bobs} bobs have {self.count(bobs)} {self.each}s")

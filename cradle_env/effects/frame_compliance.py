@@ -7,7 +7,7 @@ from cradle_env.effects.declaration import Effect, Parameter, Values
 
 def _apply(cradle, bobs, values: Values) -> None:
     omega = 2.0 * math.pi * values["frequency"]
-    if values["frame_mass"] > 0.0:
+    if math.isfinite(values["frame_mass"]):
         cradle["frame_mass"], cradle["coupled"] = values["frame_mass"], 1
         cradle["frame_stiffness"] = values["frame_mass"] * omega**2
         cradle["frame_damping"] = 2.0 * values["damping_ratio"] * omega * values["frame_mass"]
@@ -25,10 +25,10 @@ frame_compliance = Effect(
     requires=("radial_elasticity",),
     parameters=(
         Parameter(
-            "frame_mass", "M_f", "kg", "moving mass of the frame, 0: it does not move",
-            absent=0.0, low=0.0, high=1e4, scale=5.0,
+            "frame_mass", "M_f", "kg", "moving mass of the frame, inf: it does not move",
+            absent=math.inf, low=1e-2, high=1e4, scale=5.0,
         ),
-        Parameter("frequency", "f_f", "Hz", "of the bare frame", absent=math.nan, low=1.0, high=200.0, scale=10.0),
+        Parameter("frequency", "f_f", "Hz", "of the bare frame", absent=math.nan, low=0.2, high=200.0, scale=10.0),
         Parameter(
             "damping_ratio", "ζ_f", "1", "over critical, bare", absent=math.nan, low=0.0, high=2.0, scale=0.05
         ),

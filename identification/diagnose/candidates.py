@@ -73,7 +73,7 @@ def is_strength(parameter: Parameter) -> bool:
 
 def one_sided(parameter: Parameter) -> bool:
     """Whether a parameter sits at its bound when the effect is absent."""
-    return parameter.absent in (parameter.low, parameter.high)
+    return math.isinf(parameter.absent) or parameter.absent in (parameter.low, parameter.high)
 
 
 def filled(parameter: Parameter, value: float, bobs: int) -> Any:

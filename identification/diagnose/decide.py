@@ -58,11 +58,12 @@ class Decision:
 def decide(fitted: Fitted, scored: Scored, searcher: Searcher, tell: Progress, alpha: float = ALPHA) -> Decision:
     """Refits the candidates worth it, and decides between them and none."""
     tried = worth_refitting(scored)
+    likely = {s.candidate: s.likely for s in scored.scores}
     fits: list[tuple[Candidate, Fitted]] = []
     for i, candidate in enumerate(tried):
         tell("refit", i / max(len(tried), 1), candidate.name)
         try:
-            fits.append((candidate, searcher.adding(fitted, candidate)))
+            fits.append((candidate, searcher.adding(fitted, candidate, likely[candidate])))
         except (SimulationError, ValueError):  # this effect cannot be in this cradle
             continue
     inflation, effective = coloured(min((fit for _, fit in fits), key=lambda fit: fit.chi2, default=fitted))

@@ -7,15 +7,19 @@ gives. The same numbers of the replicates say how much the best of all candidate
 
 from __future__ import annotations
 
+import functools
 import itertools
 import math
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from cradle_env.effects import Effect
 from cradle_env.simulation import SimulationError, in_threads
 from identification.diagnose.candidates import (
     Candidate,
+    Values,
     candidates,
     filled,
     is_strength,
@@ -40,7 +44,7 @@ PARALLEL = 0.98
 class Score:
     """One candidate's: the χ² that it would save, degrees of freedom, whether its strength has one sign, surprise
     (−log10 p of this candidate alone), p among all candidates, those it is parallel to, and directions: for each
-    shape an orthonormal basis (R + P, k) and the signs (k,) of strength (0: either)."""
+    shape an orthonormal basis (R + P, k); likely: for each shape, its values where the χ² would be least."""
 
     candidate: Candidate
     gain: float
@@ -50,6 +54,16 @@ class Score:
     p: float
     parallel: tuple[str, ...]
     directions: tuple[np.ndarray, ...]
+    likely: tuple[Values, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Sensed:
+    """A shape of a candidate, and the change S of the residuals per strength, (R + P, k); values(s): the candidate's
+    with strengths s (k,), within bounds."""
+
+    values: Callable[[np.ndarray], Values]
+    S: np.ndarray
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,29 +80,39 @@ def score(fitted: Fitted, searcher: Searcher, replicates: np.ndarray) -> Scored:
     """Scores every candidate; replicates: (R + P, M), see `Fitted.replicates`."""
     found = []
     several = candidates(fitted.cradle)
-    sensed = in_threads(lambda candidate: sensitivities(fitted, searcher, candidate), several, 1)
+    all_sensed = in_threads(lambda candidate: sensitivities(fitted, searcher, candidate), several, 1)
     replicas = np.zeros(replicates.shape[1])
-    for candidate, columns in zip(several, sensed, strict=True):
-        directions, gains = [], []
+    for candidate, shapes_of in zip(several, all_sensed, strict=True):
+        directions, likely = [], []
         sided = all(one_sided(p) for p in candidate.declaration.parameters if is_strength(p))
         sided = sided and bool(candidate.declaration.parameters)
         best, chance, degrees = 0.0, np.zeros(replicates.shape[1]), 1
-        for S in columns:
-            basis = _seen(fitted, S)
+        for sensed in shapes_of:
+            basis = _seen(fitted, sensed.S)
             if basis is None:
                 continue
             directions.append(basis)
-            single = sided and S.shape[1] == 1
+            likely.append(sensed.values(np.linalg.lstsq(fitted.project(sensed.S), -fitted.residuals)[0]))
+            single = sided and sensed.S.shape[1] == 1
             gain = float(_gain(basis, fitted.residuals[:, None], single)[0])
-            gains.append(gain)
             best, degrees = max(best, gain), max(degrees, basis.shape[1])
             chance = np.maximum(chance, _gain(basis, replicates, single))
         replicas = np.maximum(replicas, surprise_of(chance, degrees, sided))
         own = float(surprise_of(np.array(best), degrees, sided))
-        found.append((candidate, best, degrees, sided, own, tuple(directions)))
+        found.append((candidate, best, degrees, sided, own, tuple(likely), tuple(directions)))
     scores = [
-        Score(candidate, gain, degrees, sided, own, family_p(own, replicas), _parallel(candidate, found), directions)
-        for candidate, gain, degrees, sided, own, directions in found
+        Score(
+            candidate,
+            gain,
+            degrees,
+            sided,
+            own,
+            family_p(own, replicas),
+            _parallel(candidate, found),
+            directions,
+            likely,
+        )
+        for candidate, gain, degrees, sided, own, likely, directions in found
     ]
     scores.sort(key=lambda s: -s.surprise)
     largest = scores[0].surprise if scores else 0.0
@@ -144,8 +168,8 @@ def _parallel(candidate: Candidate, found: list[tuple]) -> tuple[str, ...]:
     return tuple(names)
 
 
-def sensitivities(fitted: Fitted, searcher: Searcher, candidate: Candidate) -> list[np.ndarray]:
-    """For each shape of a candidate, the change of the residuals per strength, (R + P, k); none where impossible.
+def sensitivities(fitted: Fitted, searcher: Searcher, candidate: Candidate) -> list[Sensed]:
+    """Each shape of a candidate with what its strengths change; none where impossible.
 
     An effect without parameters, or one that brings others along, is not small: it is judged by its refit alone.
     """
@@ -153,30 +177,39 @@ def sensitivities(fitted: Fitted, searcher: Searcher, candidate: Candidate) -> l
     strengths = [p for p in declared.parameters if is_strength(p)]
     if not strengths or len(candidate.effects) > 1:
         return []
+    elements = [
+        (p, element if p.each else None) for p in strengths for element in range(p.count(bobs) - p.balanced)
+    ]  # fmt: skip
     found = []
     for shape in shapes(declared, bobs):
-        columns = []
-        for parameter in strengths:
-            for element in range(parameter.count(bobs) - parameter.balanced):
-                column = _column(fitted, searcher, candidate, shape, parameter, element if parameter.each else None)
-                if column is not None:
-                    columns.append(column)
-        if columns:
-            found.append(np.column_stack(columns))
+        columns = [_column(fitted, searcher, candidate, shape, *element) for element in elements]
+        seen = [(element, column) for element, column in zip(elements, columns, strict=True) if column is not None]
+        if seen:
+            values = functools.partial(_strong, declared, bobs, shape, [element for element, _ in seen])
+            found.append(Sensed(values, np.column_stack([column for _, column in seen])))
     return found
+
+
+def _strong(declared: Effect, bobs: int, shape: Values, elements: Sequence, factors: np.ndarray) -> Values:
+    """The values of a shape with its strengths at these factors of their scales, within bounds."""
+    values = {p.key: filled(p, p.absent, bobs) for p in declared.parameters if is_strength(p)} | dict(shape)
+    for (parameter, element), factor in zip(elements, factors, strict=True):
+        if math.isinf(parameter.absent) and factor <= 0.0:
+            continue  # as weak as can be
+        value = min(max(strength(parameter, float(factor)), parameter.low), parameter.high)
+        if element is None:
+            values[parameter.key] = value
+        else:
+            values[parameter.key] = [value if i == element else v for i, v in enumerate(values[parameter.key])]
+    return balanced(declared.name, values)
 
 
 def _column(fitted: Fitted, searcher: Searcher, candidate: Candidate, shape: dict, parameter, element: int | None):
     """d residuals / d strength of one value of a parameter, (R + P,), by a step that the noise would just show."""
     declared, bobs = candidate.declaration, fitted.cradle.bobs
-    absent = {p.key: filled(p, p.absent, bobs) for p in declared.parameters if is_strength(p)}
     step, found = _STEP, None
     for _ in range(_TRIES):
-        value = min(max(strength(parameter, step), parameter.low), parameter.high)
-        values = {**absent, **shape, parameter.key: value}
-        if element is not None:
-            values[parameter.key] = [value if i == element else v for i, v in enumerate(absent[parameter.key])]
-        values = balanced(declared.name, values)
+        values = _strong(declared, bobs, shape, [(parameter, element)], np.array([step]))
         try:
             likelihood = searcher.likelihood(with_effects(fitted.experiment, {declared.name: values}))
             stated = likelihood.values(likelihood.start())

@@ -4,25 +4,25 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from cradle_env.effects import effect
-from cradle_env.simulation import SimulationError
+from cradle_env.simulation import SimulationError, in_threads
 from identification.diagnose.candidates import Candidate, Values, starts, with_effects
 from identification.diagnose.fitted import Fitted
 from identification.experiment import Experiment
 from identification.files import json_text, write_together
-from identification.fit import Progress, bounds, early_rows, find_mode, refine, training_rows
+from identification.fit import Progress, bounds, cost, early_rows, find_mode, refine, training_rows
 from identification.likelihood import Likelihood
 
 #: Strengths at which a search starts, in scales of the parameter.
 _FACTORS = (0.1, 1.0, 3.0)
-#: Evaluations by which starts are judged, and how many of them are then refined to the end.
-_FIRST, _LAST, _KEPT = 6, 40, 2
+#: How many starts are followed, by how many evaluations; how many of them to the end, by how many at most.
+_FOLLOWED, _FIRST, _KEPT, _LAST = 4, 6, 2, 40
 #: Global searches for a model that seems to fail; relative steps of κ about the best, and how often they are taken.
 _ATTEMPTS, _CLIMBS = 3, 5
 _RUNGS = (0.0003, 0.0007, 0.0015, 0.003, 0.006)
@@ -51,34 +51,37 @@ class Store:
 
 
 class Searcher:
-    """Fits to the training part, or to all that may be fitted; each is done once."""
+    """Fits to the training part, or to all that may be fitted; each is done once, and of a model the best is kept."""
 
     def __init__(self, store: Store, seed: int, workers: int | None):
         self.store, self.seed, self.workers = store, seed, workers
+        self._best: dict[str, Fitted] = {}
 
     def globally(self, experiment: Experiment, tell: Progress | None = None, attempt: int = 0) -> Fitted:
         """The best mode of a model, from anywhere; each attempt draws other starts."""
         likelihood, seed = self.likelihood(experiment), self.seed + attempt
         key = _key("globally", experiment, seed)
-        return Fitted(likelihood, self.store.point(key, lambda: find_mode(likelihood, seed, tell).point))
+        return self._better(Fitted(likelihood, self.store.point(key, lambda: find_mode(likelihood, seed, tell).point)))
 
     def settled(self, fitted: Fitted) -> Fitted:
         """The best mode of a model again, with more effort: other global searches, then fine steps of κ about the
         best. With many bobs its modes lie a few 0.1 % apart, each a hundred times narrower."""
-        tried = [fitted, *(self.globally(fitted.experiment, None, i) for i in range(1, _ATTEMPTS))]
-        best = min(tried, key=lambda f: f.chi2)
+        best = min((self.globally(fitted.experiment, None, i) for i in range(1, _ATTEMPTS)), key=lambda f: f.chi2)
         if "kappa" not in best.likelihood.names:
             return best
         key = _key("settled", best.experiment, best.point.tolist())
         point = self.store.point(key, lambda: climb(best.likelihood, best.point))
-        return Fitted(best.likelihood, point)
+        return self._better(Fitted(best.likelihood, point))
 
     def nearby(self, experiment: Experiment, values: Mapping[str, float]) -> Fitted:
-        """The mode of a model that is reached from these values of its unknowns."""
+        """The best mode known of a model, or that which is reached from these values of its unknowns."""
+        known = self._best.get(_key("best", experiment))
+        if known is not None:
+            return known
         likelihood = self.likelihood(experiment)
         key = _key("nearby", experiment, sorted(values.items()))
         point = placed(likelihood, values)
-        return Fitted(likelihood, self.store.point(key, lambda: refine(likelihood, point, _LAST)[0]))
+        return self._better(Fitted(likelihood, self.store.point(key, lambda: refine(likelihood, point, _LAST)[0])))
 
     def on_everything(self, fitted: Fitted) -> Fitted:
         """The fit moved to all readings that may be fitted, which choose nothing any more."""
@@ -86,51 +89,60 @@ class Searcher:
         key = _key("on everything", fitted.experiment, fitted.point.tolist())
         return Fitted(likelihood, self.store.point(key, lambda: refine(likelihood, fitted.point, _LAST)[0]))
 
-    def adding(self, fitted: Fitted, candidate: Candidate) -> Fitted:
+    def adding(self, fitted: Fitted, candidate: Candidate, likely: Sequence[Values] = ()) -> Fitted:
         """The best fit of the model with a candidate added: from the mode without it and from what was stated, at
-        several strengths on both sides, judged on the early data and on all; and, where it brings no parameter or
-        brings other effects along, from anywhere."""
+        several strengths on both sides and where it is `likely`; and, where it brings no parameter or brings other
+        effects along, from anywhere."""
         own = candidate.declaration
         brought = {name: next(starts(effect(name), fitted.cradle.bobs, (1.0,))) for name in candidate.effects}
         wider = with_effects(fitted.experiment, brought)
-        key = _key("adding", wider, fitted.point.tolist(), self.seed)
+        known = self._best.get(_key("best", wider))
+        if known is not None and known.chi2 <= fitted.chi2:
+            return known
         likelihood = self.likelihood(wider)
 
         def find() -> np.ndarray:
             if not own.parameters or len(candidate.effects) > 1:
                 return find_mode(likelihood, self.seed).point
             origins = {**likelihood.values(likelihood.start()), **fitted.values}, {}
-            tried = []
-            for values in starts(own, fitted.cradle.bobs, _FACTORS):
-                for origin in origins:
-                    tried.append(placed(likelihood, {**origin, **flat(own.name, values)}))
+            several = [flat(own.name, values) for values in starts(own, fitted.cradle.bobs, _FACTORS)]
+            tried = [placed(likelihood, {**origin, **values}) for values in several for origin in origins]
+            tried += [placed(likelihood, {**origins[0], **flat(own.name, values)}) for values in likely]
             return best_of(likelihood, tried)
 
-        return Fitted(likelihood, self.store.point(key, find))
+        key = _key("adding", wider, fitted.point.tolist(), self.seed)
+        return self._better(Fitted(likelihood, self.store.point(key, find)))
 
     def likelihood(self, experiment: Experiment) -> Likelihood:
         """That of the training part."""
         return Likelihood(experiment, training_rows(experiment)[0], self.workers)
 
+    def _better(self, fitted: Fitted) -> Fitted:
+        """The best fit of this model so far."""
+        key = _key("best", fitted.experiment)
+        known = self._best.get(key)
+        if known is None or fitted.chi2 < known.chi2:
+            self._best[key] = fitted
+        return self._best[key]
+
 
 def best_of(likelihood: Likelihood, tried: list[np.ndarray]) -> np.ndarray:
-    """Where the best of many starts leads: each a little way, on the early data and on all, the best to the end."""
+    """Where the best of many starts leads: those nearest to the early data and to all of it go a little way, the best
+    of them to the end."""
     early = Likelihood(likelihood.experiment, early_rows(likelihood), likelihood.workers, likelihood.parameters)
     reached = []
-    for point in tried:
-        try:
-            reached.append(refine(likelihood, point, _FIRST))
-            closer = refine(early, point, _FIRST)[0]
-            reached.append(refine(likelihood, closer, _FIRST))
-        except (SimulationError, ValueError):  # a start that cannot be
-            continue
-    reached.sort(key=lambda pair: pair[1])
+    for data in (early, likelihood):
+        costs = np.array(in_threads(lambda z, data=data: cost(data, z), tried, likelihood.workers))
+        for i in np.argsort(costs)[:_FOLLOWED]:
+            if np.isfinite(costs[i]):
+                point = refine(early, tried[i], _FIRST)[0] if data is early else tried[i]
+                reached.append(refine(likelihood, point, _FIRST))
     if not reached:
         raise SimulationError("none of the starting values can be simulated")
     distinct: list[tuple[np.ndarray, float]] = []
-    for point, cost in reached:
-        if all(abs(cost - other) > 1e-2 for _, other in distinct):
-            distinct.append((point, cost))
+    for point, least in sorted(reached, key=lambda pair: pair[1]):
+        if all(abs(least - other) > 1e-2 for _, other in distinct):
+            distinct.append((point, least))
     finished = [refine(likelihood, point, _LAST) for point, _ in distinct[:_KEPT]]
     return min(finished, key=lambda pair: pair[1])[0]
 
@@ -138,7 +150,7 @@ def best_of(likelihood: Likelihood, tried: list[np.ndarray]) -> np.ndarray:
 def climb(likelihood: Likelihood, point: np.ndarray) -> np.ndarray:
     """The best mode that fine steps of κ lead to, on and on; (D,)."""
     k = likelihood.names.index("kappa")
-    cost = float(np.sum(likelihood.residuals(point) ** 2))
+    so_far = cost(likelihood, point)
     for _ in range(_CLIMBS):
         reached = []
         for step in (*_RUNGS, *(-rung for rung in _RUNGS)):
@@ -147,9 +159,9 @@ def climb(likelihood: Likelihood, point: np.ndarray) -> np.ndarray:
             reached.append(refine(likelihood, np.clip(rung, *bounds(likelihood)), _FIRST))
         best, least = min(reached, key=lambda pair: pair[1])
         best, least = refine(likelihood, best, _LAST)
-        if least > cost - 1.0:
+        if least > so_far - 1.0:
             break
-        point, cost = best, least
+        point, so_far = best, least
     return point
 
 
