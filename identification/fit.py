@@ -19,6 +19,8 @@ _DRAWS, _REFINED, _FINISHED = 120, 5, 2
 _EARLY_PERIODS = 8.0
 #: Relative steps of κ at which its shallow modes, 1–2 % apart, are looked for around the best point.
 _LADDER = (-0.06, -0.045, -0.03, -0.02, -0.01, 0.01, 0.02, 0.03, 0.045, 0.06)
+#: How far apart, in noises over all readings, the ends of a wide difference are at least; attempts at such a step.
+_APART, _WIDENINGS = 5.0, 5
 #: The residual [sigma] of every reading at an impossible point.
 _IMPOSSIBLE = 1e4
 
@@ -151,6 +153,31 @@ def jacobian(likelihood: Likelihood, point: np.ndarray, base: np.ndarray) -> np.
     moved = point + np.diag(steps)
     columns = in_threads(lambda z: _safe_residuals(likelihood, z, len(base)), list(moved), likelihood.workers)
     return (np.array(columns) - base).T / steps
+
+
+def broad_jacobian(likelihood: Likelihood, point: np.ndarray, base: np.ndarray) -> np.ndarray:
+    """Derivatives of the residuals (R, D), by differences to both sides as wide as the readings tell them apart well.
+
+    With three bobs and more the order of impacts flips at certain values, and readings jump there by part of a noise:
+    derivatives over less than the distance of such jumps say nothing of how well a parameter is known.
+    """
+    low, high = bounds(likelihood)
+    narrow = np.linalg.norm(jacobian(likelihood, point, base), axis=0)
+    first = np.maximum(_APART / np.maximum(narrow, 1e-300), _steps(likelihood))
+
+    def column(i: int) -> np.ndarray:
+        step = float(first[i])
+        for _ in range(_WIDENINGS):
+            ends = [point.copy(), point.copy()]
+            ends[0][i], ends[1][i] = max(point[i] - step, low[i]), min(point[i] + step, high[i])
+            change = np.subtract(*(_safe_residuals(likelihood, end, len(base)) for end in ends[::-1]))
+            apart = float(np.linalg.norm(change))
+            if _APART < apart < 4.0 * _APART or ends[1][i] - ends[0][i] < step:
+                break
+            step *= float(np.clip(2.0 * _APART / max(apart, 1e-300), 0.1, 10.0))
+        return change / (ends[1][i] - ends[0][i])
+
+    return np.array(in_threads(column, list(range(len(point))), likelihood.workers)).T
 
 
 def refine(likelihood: Likelihood, point: np.ndarray, evaluations: int) -> tuple[np.ndarray, float]:

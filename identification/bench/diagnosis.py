@@ -41,10 +41,14 @@ def study(folder: Path, out: Path, seed: int = 0, workers: int | None = None) ->
 def judged(
     path: Path, out: Path, answer: Mapping[str, Any], seed: int, workers: int | None
 ) -> dict[str, Any]:  # fmt: skip
-    """One row: what was hidden, what was found, whether that is right, and what it cost."""
+    """One row, with what it cost."""
     began = time.monotonic()
     content = save(diagnose(Experiment.load(path), seed=seed, workers=workers), out)
-    seconds = time.monotonic() - began
+    return row(content, answer) | {"seconds": round(time.monotonic() - began, 1)}
+
+
+def row(content: Mapping[str, Any], answer: Mapping[str, Any]) -> dict[str, Any]:
+    """What was hidden, what was found, and whether that is right. content: that of diagnosis.json."""
     found = [step["effect"] for step in content["steps"]]
     hidden = [str(name) for name in answer["effects"]]
     known = {effect.name for effect in CATALOGUE}
@@ -57,7 +61,6 @@ def judged(
         "gap before": content["gap_first"],
         "gap after": content["gap_last"],
         "left": content["remainder"]["significant"],
-        "seconds": round(seconds, 1),
         "right": right(content["verdict"], found, content["equivalent"], hidden) if possible else None,
         "errors": _errors(content, answer.get("truth", {})),
     }

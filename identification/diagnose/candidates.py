@@ -24,12 +24,19 @@ _GRID = (1.0, 1.0 / 3.0, 3.0)
 class Candidate:
     """An effect that may be missing: its name, and before it the names of what it requires and the model has not.
 
-    unknown: "effect.parameter" of what would be inferred, "effect.parameter[i]" of what has a value per bob or gap.
+    unknown: "effect.parameter" of what would be inferred, "effect.parameter[i]" of what has a value per bob or gap;
+    alike: those values are one and the same, "effect.parameter[*]".
     """
 
     name: str
     effects: tuple[str, ...]
     unknown: tuple[str, ...]
+    alike: bool = False
+
+    @property
+    def label(self) -> str:
+        """Its name, as reports and figures have it."""
+        return f"{self.name}, all alike" if self.alike else self.name
 
     @property
     def declaration(self) -> Effect:
@@ -38,12 +45,16 @@ class Candidate:
 
 
 def candidates(cradle: Cradle) -> list[Candidate]:
-    """All known effects that the cradle does not have, and that can matter to it."""
+    """All known effects that the cradle does not have, and that can matter to it; one with a value per bob or gap
+    also with all of them alike, which comes first."""
     found = []
     for declared in known_effects():
         if cradle.has(declared.name) or (cradle.bobs == 1 and not _matters_alone(declared)):
             continue
         chain = tuple(name for name in _chain(declared) if not cradle.has(name))
+        if any(p.each and not p.balanced and p.count(cradle.bobs) > 1 for p in declared.parameters):
+            same = tuple(f"{declared.name}.{p.key}" + ("[*]" if p.each else "") for p in declared.parameters)
+            found.append(Candidate(declared.name, chain, same, alike=True))
         unknown = (name for e in map(effect, chain) for p in e.parameters for name in names_of(e, p, cradle.bobs))
         found.append(Candidate(declared.name, chain, tuple(unknown)))
     return found

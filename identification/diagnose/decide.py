@@ -44,12 +44,11 @@ class Refit:
 
 @dataclass(frozen=True, eq=False)
 class Decision:
-    """Refits, the most probable first; chosen: the best if it is significant; close: those not to be told from it;
-    probability: of the chosen among all and none; inflation c and effective number of readings."""
+    """Refits, the most probable first; chosen: the best if it is significant; probability: of the
+    chosen among all and none; inflation c and effective number of readings."""
 
     refits: tuple[Refit, ...]
     chosen: Refit | None
-    close: tuple[Refit, ...]
     probability: float
     inflation: float
     effective: float
@@ -57,26 +56,32 @@ class Decision:
 
 def decide(fitted: Fitted, scored: Scored, searcher: Searcher, tell: Progress, alpha: float = ALPHA) -> Decision:
     """Refits the candidates worth it, and decides between them and none."""
-    tried = worth_refitting(scored)
-    likely = {s.candidate: s.likely for s in scored.scores}
-    fits: list[tuple[Candidate, Fitted]] = []
-    for i, candidate in enumerate(tried):
-        tell("refit", i / max(len(tried), 1), candidate.name)
-        try:
-            fits.append((candidate, searcher.adding(fitted, candidate, likely[candidate])))
-        except (SimulationError, ValueError):  # this effect cannot be in this cradle
-            continue
-    inflation, effective = coloured(min((fit for _, fit in fits), key=lambda fit: fit.chi2, default=fitted))
+    fits = refitted(fitted, scored, searcher, tell)
+    inflation, effective = coloured(min(fits.values(), key=lambda fit: fit.chi2, default=fitted))
     refits = sorted(
-        (judged(fitted, candidate, fit, scored.replicas, inflation, effective) for candidate, fit in fits),
+        (judged(fitted, candidate, fit, scored.replicas, inflation, effective) for candidate, fit in fits.items()),
         key=lambda refit: -refit.log_evidence,
     )
     chosen = next((refit for refit in refits if refit.p < alpha and refit.log_evidence > 0.0), None)
-    close = tuple(
-        refit for refit in refits
-        if chosen and refit is not chosen and chosen.log_evidence - refit.log_evidence < CLOSE
-    )  # fmt: skip
-    return Decision(tuple(refits), chosen, close, _probability(chosen, refits), inflation, effective)
+    return Decision(tuple(refits), chosen, _probability(chosen, refits), inflation, effective)
+
+
+def refitted(fitted: Fitted, scored: Scored, searcher: Searcher, tell: Progress) -> dict[Candidate, Fitted]:
+    """Fits of the model with each candidate worth it, and then with each from where the best of them has its mode."""
+    tried, fits = worth_refitting(scored), {}
+    likely = {s.candidate: s.likely for s in scored.scores}
+    for i, candidate in enumerate(tried):
+        tell("refit", 0.5 * i / len(tried), candidate.label)
+        try:
+            fits[candidate] = searcher.adding(fitted, candidate, likely[candidate])
+        except (SimulationError, ValueError):  # this effect cannot be in this cradle
+            continue
+    best = min(fits, key=lambda candidate: fits[candidate].chi2, default=None)
+    for i, candidate in enumerate(fits):
+        if candidate is not best:
+            tell("refit", 0.5 + 0.5 * i / len(fits), candidate.label)
+            fits[candidate] = searcher.adding_beside(fitted, candidate, fits[best], likely[candidate])
+    return fits
 
 
 def worth_refitting(scored: Scored) -> list[Candidate]:

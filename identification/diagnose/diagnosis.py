@@ -152,13 +152,14 @@ class Diagnosis:
         """Scores of every candidate against the base model, with what its refit gave where it was refitted."""
         first = self.repaired.examined[0]
         refits = self.repaired.decisions[0].refits if self.repaired.decisions else ()
-        by_name = {refit.candidate.name: refit for refit in refits}
+        refitted = {refit.candidate: refit for refit in refits}
         rows = []
         for s in first.scored.scores:
-            refit = by_name.get(s.candidate.name)
+            refit = refitted.get(s.candidate)
             rows.append(
                 {
                     "effect": s.candidate.name,
+                    "alike": s.candidate.alike,
                     "predicted_delta_chi2": s.gain if s.directions else None,
                     "p": s.p if s.directions else None,
                     "parallel": list(s.parallel),

@@ -10,7 +10,7 @@ import numpy as np
 
 from cradle_env.cradle import Cradle
 from identification.experiment import Experiment
-from identification.fit import jacobian, training_rows
+from identification.fit import broad_jacobian, training_rows
 from identification.likelihood import Likelihood, rms
 from identification.noise import estimated_noise, noise_of
 
@@ -87,7 +87,7 @@ class Fitted:
     @functools.cached_property
     def jacobian(self) -> np.ndarray:
         """Derivatives of the residuals with respect to the sampled coordinates, (R + P, D)."""
-        return jacobian(self.likelihood, self.point, self.residuals)
+        return broad_jacobian(self.likelihood, self.point, self.residuals)
 
     @functools.cached_property
     def absorbed(self) -> np.ndarray:

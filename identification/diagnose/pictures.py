@@ -68,22 +68,23 @@ def candidates_figure(diagnosis: Diagnosis) -> Figure:
 
     first = diagnosis.repaired.examined[0]
     refits = diagnosis.repaired.decisions[0].refits if diagnosis.repaired.decisions else ()
-    gained = {refit.candidate.name: refit.gain for refit in refits}
-    rows = sorted(first.scored.scores, key=lambda s: -max(gained.get(s.candidate.name, 0.0), s.gain))
+    gained = {refit.candidate: refit.gain for refit in refits}
+    rows = sorted(first.scored.scores, key=lambda s: -max(gained.get(s.candidate, 0.0), s.gain))
     figure = Figure(figsize=(9.0, 0.9 + 0.26 * max(len(rows), 2)), layout="constrained")
     axes = figure.subplots()
     threshold = float(np.quantile(first.scored.replicas, 0.95))
     for y, s in enumerate(rows):
-        name = s.candidate.name
         if s.directions:
             axes.plot(max(s.gain, 0.5), y, marker="o", color=BLUE, markersize=5.0, linestyle="")
-        if name in gained:
-            axes.plot(max(gained[name], 0.5), y, marker="D", color=RED, markersize=5.0, linestyle="", fillstyle="none")
+        if s.candidate in gained:
+            axes.plot(
+                max(gained[s.candidate], 0.5), y, marker="D", color=RED, markersize=5.0, linestyle="", fillstyle="none"
+            )
     axes.axvline(float(chi2.isf(10.0**-threshold, 1)), color=GREY, linestyle="--")
     axes.plot([], [], marker="o", color=BLUE, linestyle="", label="first order")
     axes.plot([], [], marker="D", color=RED, linestyle="", fillstyle="none", label="refitted")
     axes.plot([], [], color=GREY, linestyle="--", label="best by chance, 1 in 20")
-    axes.set_yticks(range(len(rows)), [s.candidate.name for s in rows])
+    axes.set_yticks(range(len(rows)), [s.candidate.label for s in rows])
     axes.set_ylim(len(rows) - 0.5, -0.5)
     axes.set_xscale("log")
     axes.set_xlim(left=0.4)

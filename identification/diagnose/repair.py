@@ -96,9 +96,14 @@ def repair(
     while examined[-1].significant and len(steps) < _MOST_STEPS:
         now = examined[-1]
         decision = decide(now.fitted, now.scored, searcher, tell)
-        decisions.append(decision)
         if decision.chosen is None:
+            decisions.append(decision)
             break
+        better = searcher.beside(now.fitted, decision.chosen.fitted)
+        if better.chi2 < now.fitted.chi2 - 1.0:  # the model may lack less than it seemed
+            examined[-1] = examine(better, searcher, seed, estimated)
+            continue
+        decisions.append(decision)
         steps += _steps(now.fitted, decision, searcher)
         tell("locate", 0.0, f"what is left with {steps[-1].effect}")
         examined.append(examine_settled(steps[-1].after, searcher, seed, estimated))
@@ -185,7 +190,8 @@ def _exchanges(
             if base.cradle.has(candidate.name):
                 continue
             try:
-                fit = searcher.adding(base, candidate)
+                searcher.adding(base, candidate)
+                fit = searcher.adding_beside(base, candidate, last.fitted)
             except (SimulationError, ValueError):
                 continue
             refit = judged(base, candidate, fit, last.scored.replicas, inflation, effective)
@@ -193,7 +199,7 @@ def _exchanges(
                 rivals.append((step.effect, candidate.name))
     doubtful = tuple(dict.fromkeys(own for own, _ in rivals))
     exchanged = (tuple(rival if name == own else name for name in doubtful) for own, rival in rivals)
-    return (doubtful, *exchanged) if rivals else ()
+    return tuple(dict.fromkeys((doubtful, *exchanged))) if rivals else ()
 
 
 def _rivals(step: Step, decisions: Sequence[Decision]) -> list[Candidate]:

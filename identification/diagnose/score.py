@@ -178,7 +178,8 @@ def sensitivities(fitted: Fitted, searcher: Searcher, candidate: Candidate) -> l
     if not strengths or len(candidate.effects) > 1:
         return []
     elements = [
-        (p, element if p.each else None) for p in strengths for element in range(p.count(bobs) - p.balanced)
+        (p, element if p.each and not candidate.alike else None)
+        for p in strengths for element in range(1 if candidate.alike else p.count(bobs) - p.balanced)
     ]  # fmt: skip
     found = []
     for shape in shapes(declared, bobs):
@@ -198,7 +199,7 @@ def _strong(declared: Effect, bobs: int, shape: Values, elements: Sequence, fact
             continue  # as weak as can be
         value = min(max(strength(parameter, float(factor)), parameter.low), parameter.high)
         if element is None:
-            values[parameter.key] = value
+            values[parameter.key] = filled(parameter, value, bobs)
         else:
             values[parameter.key] = [value if i == element else v for i, v in enumerate(values[parameter.key])]
     return balanced(declared.name, values)
@@ -211,7 +212,9 @@ def _column(fitted: Fitted, searcher: Searcher, candidate: Candidate, shape: dic
     for _ in range(_TRIES):
         values = _strong(declared, bobs, shape, [(parameter, element)], np.array([step]))
         try:
-            likelihood = searcher.likelihood(with_effects(fitted.experiment, {declared.name: values}))
+            likelihood = searcher.likelihood(
+                with_effects(fitted.experiment, {declared.name: values}, candidate.unknown)
+            )
             stated = likelihood.values(likelihood.start())
             point = placed(likelihood, {**stated, **fitted.values, **flat(declared.name, values)})
             moved = likelihood.residuals(point)[: fitted.count] - fitted.residuals[: fitted.count]

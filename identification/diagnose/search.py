@@ -22,9 +22,9 @@ from identification.likelihood import Likelihood
 #: Strengths at which a search starts, in scales of the parameter.
 _FACTORS = (0.1, 1.0, 3.0)
 #: How many starts are followed, by how many evaluations; how many of them to the end, by how many at most.
-_FOLLOWED, _FIRST, _KEPT, _LAST = 4, 6, 2, 40
+_FOLLOWED, _FIRST, _KEPT, _LAST = 3, 5, 2, 40
 #: Global searches for a model that seems to fail; relative steps of κ about the best, and how often they are taken.
-_ATTEMPTS, _CLIMBS = 3, 5
+_ATTEMPTS, _CLIMBS = 2, 5
 _RUNGS = (0.0003, 0.0007, 0.0015, 0.003, 0.006)
 
 
@@ -93,13 +93,10 @@ class Searcher:
         """The best fit of the model with a candidate added: from the mode without it and from what was stated, at
         several strengths on both sides and where it is `likely`; and, where it brings no parameter or brings other
         effects along, from anywhere."""
-        own = candidate.declaration
-        brought = {name: next(starts(effect(name), fitted.cradle.bobs, (1.0,))) for name in candidate.effects}
-        wider = with_effects(fitted.experiment, brought)
-        known = self._best.get(_key("best", wider))
+        own, likelihood = candidate.declaration, self._with(fitted, candidate)
+        known = self._best.get(_key("best", likelihood.experiment))
         if known is not None and known.chi2 <= fitted.chi2:
             return known
-        likelihood = self.likelihood(wider)
 
         def find() -> np.ndarray:
             if not own.parameters or len(candidate.effects) > 1:
@@ -108,10 +105,34 @@ class Searcher:
             several = [flat(own.name, values) for values in starts(own, fitted.cradle.bobs, _FACTORS)]
             tried = [placed(likelihood, {**origin, **values}) for values in several for origin in origins]
             tried += [placed(likelihood, {**origins[0], **flat(own.name, values)}) for values in likely]
-            return best_of(likelihood, tried)
+            return best_of(likelihood, tried, early_too=True)
 
-        key = _key("adding", wider, fitted.point.tolist(), self.seed)
+        key = _key("adding", likelihood.experiment, fitted.point.tolist(), self.seed)
         return self._better(Fitted(likelihood, self.store.point(key, find)))
+
+    def adding_beside(
+        self, fitted: Fitted, candidate: Candidate, other: Fitted, likely: Sequence[Values] = ()
+    ) -> Fitted:
+        """The best fit of the model with a candidate added, once more: from where another model has its mode. Modes
+        that differ in κ are common to all of them, and what bends one model into a wrong one hides from the next."""
+        own, likelihood = candidate.declaration, self._with(fitted, candidate)
+        if not own.parameters or len(candidate.effects) > 1:
+            return self.adding(fitted, candidate)
+        several = [*starts(own, fitted.cradle.bobs, _FACTORS), *likely]
+        tried = [placed(likelihood, {**other.values, **flat(own.name, values)}) for values in several]
+        key = _key("beside", likelihood.experiment, fitted.point.tolist(), other.point.tolist())
+        return self._better(Fitted(likelihood, self.store.point(key, lambda: best_of(likelihood, tried, False))))
+
+    def beside(self, fitted: Fitted, other: Fitted) -> Fitted:
+        """The best fit of a model, once more: from where another model has its mode."""
+        likelihood, point = fitted.likelihood, placed(fitted.likelihood, other.values)
+        key = _key("beside", fitted.experiment, other.point.tolist())
+        return self._better(Fitted(likelihood, self.store.point(key, lambda: refine(likelihood, point, _LAST)[0])))
+
+    def _with(self, fitted: Fitted, candidate: Candidate) -> Likelihood:
+        """The likelihood of the model with a candidate added, at its scale."""
+        brought = {name: next(starts(effect(name), fitted.cradle.bobs, (1.0,))) for name in candidate.effects}
+        return self.likelihood(with_effects(fitted.experiment, brought, candidate.unknown))
 
     def likelihood(self, experiment: Experiment) -> Likelihood:
         """That of the training part."""
@@ -126,16 +147,19 @@ class Searcher:
         return self._best[key]
 
 
-def best_of(likelihood: Likelihood, tried: list[np.ndarray]) -> np.ndarray:
-    """Where the best of many starts leads: those nearest to the early data and to all of it go a little way, the best
-    of them to the end."""
-    early = Likelihood(likelihood.experiment, early_rows(likelihood), likelihood.workers, likelihood.parameters)
+def best_of(likelihood: Likelihood, tried: list[np.ndarray], early_too: bool) -> np.ndarray:
+    """Where the best of many starts leads: those nearest to the data (and those nearest to the early data alone, over
+    which the misfit has fewer modes) go a little way, the best of them to the end."""
+    data = [likelihood]
+    if early_too:
+        rows = early_rows(likelihood)
+        data.append(Likelihood(likelihood.experiment, rows, likelihood.workers, likelihood.parameters))
     reached = []
-    for data in (early, likelihood):
-        costs = np.array(in_threads(lambda z, data=data: cost(data, z), tried, likelihood.workers))
+    for some in data:
+        costs = np.array(in_threads(lambda z, some=some: cost(some, z), tried, likelihood.workers))
         for i in np.argsort(costs)[:_FOLLOWED]:
             if np.isfinite(costs[i]):
-                point = refine(early, tried[i], _FIRST)[0] if data is early else tried[i]
+                point = tried[i] if some is likelihood else refine(some, tried[i], _FIRST)[0]
                 reached.append(refine(likelihood, point, _FIRST))
     if not reached:
         raise SimulationError("none of the starting values can be simulated")
@@ -143,7 +167,7 @@ def best_of(likelihood: Likelihood, tried: list[np.ndarray]) -> np.ndarray:
     for point, least in sorted(reached, key=lambda pair: pair[1]):
         if all(abs(least - other) > 1e-2 for _, other in distinct):
             distinct.append((point, least))
-    finished = [refine(likelihood, point, _LAST) for point, _ in distinct[:_KEPT]]
+    finished = [refine(likelihood, point, _LAST) for point, _ in distinct[: _KEPT if early_too else 1]]
     return min(finished, key=lambda pair: pair[1])[0]
 
 
@@ -175,11 +199,12 @@ def placed(likelihood: Likelihood, values: Mapping[str, float]) -> np.ndarray:
 
 
 def flat(name: str, values: Values) -> dict[str, float]:
-    """{"effect.key": value} of an effect's values, "effect.key[i]" where there are several."""
+    """{"effect.key": value} of an effect's values; "effect.key[i]" where there are several, and their mean as "[*]"."""
     found = {}
     for key, value in values.items():
         if isinstance(value, list | tuple):
             found |= {f"{name}.{key}[{i}]": one for i, one in enumerate(value, 1)}
+            found[f"{name}.{key}[*]"] = sum(value) / len(value)
         else:
             found[f"{name}.{key}"] = value
     return found

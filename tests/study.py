@@ -1,0 +1,297 @@
+"""The study of diagnoses: python -m tests.study DIR [--rounds 0 2 4] [--processes 2]
+
+Each case is an experiment made by the soft-contact reference, which shares no code with the package, and its
+diagnosis. What is hidden is as strong as an oracle says: the χ² that the best wrong model would leave over that of the
+right one. Cases are made and diagnosed one at a time and kept in DIR, so that the same command goes on;
+`python -m tests.study.table DIR` writes the tables. Odd rounds are held out: nothing is chosen by looking at them.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import multiprocessing
+import os
+import shutil
+import time
+import traceback
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from .independent.laboratory import Recording, record, write_experiment
+from .independent.soft_contact import SoftCradle
+
+#: Contacts this much stiffer are as good as instantaneous; see tests/test_independent.py.
+STIFFENED = 1e6
+TARGETS = (15.0, 50.0, 200.0)
+NULLS, ROUNDS = 10, 12
+
+
+@dataclass(frozen=True)
+class Kind:
+    """Something to hide: its effect in the soft reference, the key that is its strength, the strength from which the
+    search begins, numbers of bobs, other keys as ranges, and, for real apparatus that differs from the formula in
+    detail, the effect by which it is made instead. each: "bob" or "gap" where there is a value for each."""
+
+    name: str
+    key: str
+    strength: float
+    bobs: tuple[int, ...] = (1, 2, 2, 3, 5)
+    others: tuple[tuple[str, float, float], ...] = ()
+    each: str = ""
+    variant: tuple[str, str, dict[str, float]] | None = None
+    inverse: bool = False
+
+
+_MANY = (2, 2, 3, 5)
+#: Every effect of the catalogue over the base model.
+SINGLES = (
+    Kind("quadratic_drag", "c2", 4e-3, variant=("power_drag", "c", {"power": 1.85})),
+    Kind("pivot_friction", "tau_c", 2e-5, variant=("smooth_friction", "tau_c", {"rate": 0.1})),
+    Kind("group_drag", "slope", 0.3, _MANY, (("range", 3e-3, 8e-3),)),
+    Kind("added_mass", "mass", 1e-4),
+    Kind("bob_attraction", "force", 1e-3, _MANY, (("range", 2e-3, 6e-3),),
+         variant=("power_attraction", "force", {"distance": 6e-3, "power": 3.0})),
+    Kind("frame_compliance", "frame_mass", 20.0, _MANY, (("frequency", 3.0, 12.0), ("damping_ratio", 0.01, 0.1)),
+         inverse=True, variant=("frame_compliance", "frame_mass", {"friction": 3.0})),
+    Kind("string_creep", "rate", 2e-5),
+    Kind("spacer_offset", "offset", 2e-4, _MANY, each="gap"),
+    Kind("mass_mismatch", "relative", 2e-3, _MANY, each="bob"),
+    Kind("length_mismatch", "relative", 5e-4, _MANY, each="bob"),
+    Kind("contact_duration", "scale", 1.0, _MANY),
+    Kind("exposure_blur", "duration", 1e-2, _MANY),
+    Kind("angle_offset", "offset", 5e-4),
+    Kind("angle_scale", "scale", 2e-3),
+    Kind("clock_scale", "scale", 1e-4),
+)  # fmt: skip
+#: Forces that are in no catalogue.
+UNKNOWNS = (
+    Kind("side_wind", "force", 1e-3, (1, 2, 3), (("centre", -0.05, 0.05), ("width", 0.02, 0.05))),
+    Kind("vibration", "acceleration", 5e-3, (1, 2, 3), (("frequency", 0.5, 3.0), ("phase", 0.0, 6.0))),
+    Kind("magnet", "energy", 1e-5, (1, 2, 3), (("angle", -0.1, 0.1), ("width", 0.03, 0.06))),
+    Kind("squeeze_film", "coefficient", 1e-12, _MANY),
+    Kind("string_kink", "stiffening", 0.01, (1, 2, 3), (("angle", -0.1, 0.1), ("width", 0.03, 0.06))),
+    Kind("sticky_pair", "energy", 1e-6, _MANY),
+)
+#: Effects that are one and the same in such data: whichever is named, all must be in the set.
+SYMMETRIC = frozenset({"added_mass", "clock_scale", "length_mismatch"})
+PAIRS = (
+    ("quadratic_drag", "length_mismatch"), ("pivot_friction", "spacer_offset"), ("angle_offset", "quadratic_drag"),
+    ("contact_duration", "length_mismatch"), ("exposure_blur", "pivot_friction"), ("spacer_offset", "mass_mismatch"),
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Case:
+    """One experiment to make: its name, what is hidden, the Δχ² asked of each, whether by the variants; seed."""
+
+    name: str
+    kinds: tuple[Kind, ...]
+    target: float
+    variant: bool
+    seed: int
+
+    @property
+    def held_out(self) -> bool:
+        """Whether nothing may be chosen by it."""
+        return self.name.startswith(tuple(f"{k:02d}" for k in range(1, ROUNDS, 2)))
+
+
+def cases(rounds: list[int]) -> list[Case]:
+    """Those of some rounds: in each every effect once, nulls, pairs, and forces of no catalogue."""
+    found = []
+    by_name = {kind.name: kind for kind in SINGLES}
+    for k in rounds:
+        for i, kind in enumerate(SINGLES):
+            variant = kind.variant is not None and k % 3 == 2
+            found.append(Case(f"{k:02d}-{kind.name}", (kind,), TARGETS[(k + i) % 3], variant, 1000 * k + i))
+        for i in range(NULLS):
+            found.append(Case(f"{k:02d}-nothing-{i}", (), 0.0, False, 1000 * k + 100 + i))
+        for i in range(3):
+            names = PAIRS[(3 * k + i) % len(PAIRS)]
+            found.append(Case(f"{k:02d}-pair-{i}", tuple(by_name[n] for n in names), 100.0, False, 1000 * k + 200 + i))
+        for i in range(4):
+            kind = UNKNOWNS[(4 * k + i) % len(UNKNOWNS)]
+            found.append(Case(f"{k:02d}-unknown-{kind.name}", (kind,), 200.0, False, 1000 * k + 300 + i))
+    return found
+
+
+class Apparatus:
+    """The cradle of a case, drawn from its seed, and recordings of it at any strength of what is hidden."""
+
+    def __init__(self, case: Case):
+        rng = np.random.default_rng(case.seed)
+        allowed = set.intersection(*({*kind.bobs} for kind in case.kinds)) if case.kinds else {1, 2, 3, 5}
+        self.case = case
+        self.bobs = int(rng.choice([n for n in (1, 2, 2, 3, 5) if n in allowed]))
+        self.truth = {
+            "k_f": float(rng.uniform(14e3, 24e3)),
+            "kappa": float(rng.uniform(160.0, 240.0)),
+            "b": float(10 ** rng.uniform(-3.0, -2.3)),
+        }
+        self.noise, self.rate = float(rng.choice([1e-3, 5e-3])), float(rng.choice([60.0, 60.0, 240.0]))
+        self.angle = float(rng.uniform(0.12, 0.3))
+        self.stated = {key: value * rng.uniform(0.85, 1.15) for key, value in self.truth.items()}
+        self.lifted = self.angle + 1e-3 * float(rng.standard_normal())
+        self.others = [{key: float(rng.uniform(*ends)) for key, *ends in kind.others} for kind in case.kinds]
+        self.patterns = [rng.standard_normal({"bob": self.bobs, "gap": self.bobs - 1}.get(kind.each, 1))
+                         for kind in case.kinds]  # fmt: skip
+        self.pair = int(rng.integers(1, self.bobs)) if self.bobs > 1 else 1
+
+    def effects(self, strengths: list[float]) -> dict:
+        """What is hidden at these strengths, as the soft reference has it."""
+        found: dict = {}
+        for i, (kind, s) in enumerate(zip(self.case.kinds, strengths, strict=True)):
+            if s == 0.0:
+                continue
+            pattern = self.patterns[i]
+            if kind.name == "mass_mismatch":
+                pattern = pattern - pattern.mean()
+            value = (pattern * s).tolist() if kind.each else kind.strength**2 / s if kind.inverse else s
+            name, key, more = kind.name, kind.key, dict(self.others[i])
+            if self.case.variant and kind.variant is not None:
+                name, key, fixed = kind.variant
+                more = {} if name != kind.name else more
+                if "friction" in fixed:
+                    found["frame_drag"] = {"c2": fixed["friction"]}
+                else:
+                    more |= fixed
+            if name == "sticky_pair":
+                more["pair"] = self.pair
+            if name == "magnet":
+                more["bob"] = self.bobs
+            found[name] = {key: value, **more}
+        return found
+
+    def record(self, strengths: list[float], noisy: bool) -> Recording:
+        """The recording at these strengths, 45 s of it."""
+        effects = self.effects(strengths)
+        factor = 1.0 if "contact_duration" in effects else STIFFENED
+        cradle = SoftCradle(self.bobs, stiffness_factor=factor, effects=effects, **self.truth)
+        noise = self.noise if noisy else 0.0
+        return record(cradle, {self.bobs: self.angle}, noise=noise, rate=self.rate, duration=45.0, seed=self.case.seed)
+
+    def write(self, folder: Path, recording: Recording) -> Path:
+        """The experiment's files; what they state of k_f, kappa, b and the release is off."""
+        return write_experiment(
+            folder, [recording], stated=self.stated, release={"angles": {self.bobs: self.lifted}},
+            run={"noise": self.noise},
+        )  # fmt: skip
+
+
+def oracle(apparatus: Apparatus, scratch: Path):
+    """delta(strengths): χ² that the best wrong model would leave of noiseless training data, to first order."""
+    from identification.diagnose.candidates import candidates
+    from identification.diagnose.fitted import Fitted, with_known_noise
+    from identification.diagnose.score import sensitivities
+    from identification.diagnose.search import Searcher, Store, placed
+    from identification.experiment import Experiment
+
+    clean = apparatus.record([0.0] * len(apparatus.case.kinds), False)
+    experiment = with_known_noise(Experiment.load(apparatus.write(scratch, clean)))
+    searcher = Searcher(Store(None, ""), 0, 1)
+    likelihood = searcher.likelihood(experiment)
+    fitted = Fitted(likelihood, placed(likelihood, {**apparatus.truth, "release_angle_error@1": 0.0}))
+    hidden = {kind.name for kind in apparatus.case.kinds}
+    right = hidden | _same(hidden)
+    wrong = []
+    for candidate in candidates(fitted.cradle):
+        if candidate.name not in right:
+            for sensed in sensitivities(fitted, searcher, candidate):
+                wrong.append(np.linalg.qr(fitted.project(sensed.S))[0])
+    rows = likelihood.rows[0]
+
+    def delta(strengths: list[float]) -> float:
+        moved = (apparatus.record(strengths, False).readings - clean.readings)[rows] / apparatus.noise
+        d = fitted.project(np.concatenate([moved.ravel(), np.zeros(len(fitted.residuals) - moved.size)]))
+        return float(min((d @ d - np.sum((Q.T @ d) ** 2) for Q in wrong), default=d @ d))
+
+    return delta
+
+
+def strengths_for(apparatus: Apparatus, scratch: Path) -> tuple[list[float], float]:
+    """(strengths, Δχ² by the oracle) at which what is hidden leaves what the case asks; of two, each alone."""
+    case = apparatus.case
+    delta, found = oracle(apparatus, scratch), []
+    for i, kind in enumerate(case.kinds):
+        s = kind.strength
+        for _ in range(8):
+            reached = delta([s if j == i else 0.0 for j in range(len(case.kinds))])
+            if abs(np.log(reached / case.target)) < 0.15:
+                break
+            s *= float(np.clip(np.sqrt(case.target / max(reached, 1e-9)), 0.1, 10.0))
+            s = min(max(s, 0.01 * kind.strength), 100.0 * kind.strength)
+        found.append(s)
+    return found, delta(found)
+
+
+def run(case: Case, folder: Path) -> None:
+    """Makes a case and diagnoses it; its row goes to result.json."""
+    out = folder / case.name
+    apparatus = Apparatus(case)
+    strengths, delta = strengths_for(apparatus, out / "clean") if case.kinds else ([], 0.0)
+    path = apparatus.write(out, apparatus.record(strengths, True))
+    known = case.kinds and case.kinds[0] in UNKNOWNS
+    answer = {"effects": ["?"] if known else [kind.name for kind in case.kinds], "truth": apparatus.truth}
+    began = time.monotonic()
+    row = {
+        "case": case.name, "held_out": case.held_out, "bobs": apparatus.bobs, "noise": apparatus.noise,
+        "rate": apparatus.rate, "target": case.target, "oracle": round(delta, 1), "variant": case.variant,
+        "strengths": strengths,
+    }  # fmt: skip
+    try:
+        row |= judged(path, out / "out", answer)
+    except Exception as problem:  # a crash is a miss, to be listed as such
+        row |= {"hidden": answer["effects"], "verdict": f"crashed: {problem!r}", "named": [], "one of": [],
+                "gap after": None, "right": False, "errors": {}, "trace": traceback.format_exc(),
+                "seconds": round(time.monotonic() - began, 1)}  # fmt: skip
+    shutil.rmtree(out / "clean", ignore_errors=True)
+    for data in out.glob("run*.csv"):
+        data.unlink()
+    text = json.dumps(row, indent=1)
+    (out / "result.part").write_text(text, encoding="utf-8")
+    os.replace(out / "result.part", out / "result.json")
+    print(f"{case.name:28} Δχ² {delta:6.0f}  N = {apparatus.bobs}  {row['verdict']:16} {row['named']} {row['one of']} "
+          f"{row['seconds']} s  {'' if row['right'] else 'NOT RIGHT'}", flush=True)  # fmt: skip
+
+
+def judged(path: Path, out: Path, answer: dict) -> dict:
+    """The diagnosis of a case; margin: what χ² the best wrong model leaves over that of the right one, both refitted
+    to these very data."""
+    from identification.bench import diagnosis as bench
+    from identification.diagnose import diagnose
+    from identification.diagnose.report import save
+    from identification.experiment import Experiment
+
+    began = time.monotonic()
+    diagnosis = diagnose(Experiment.load(path), seed=0, workers=1)
+    row = bench.row(save(diagnosis, out), answer) | {"seconds": round(time.monotonic() - began, 1)}
+    hidden, first = set(answer["effects"]), diagnosis.repaired.examined[0].fitted
+    refits = [refit for decision in diagnosis.repaired.decisions[:1] for refit in decision.refits]
+    right = [refit.fitted.chi2 for refit in refits if refit.candidate.name in hidden]
+    wrong = [refit.fitted.chi2 for refit in refits if refit.candidate.name not in hidden | _same(hidden)]
+    if right and len(hidden) == 1:
+        row["margin"] = round(min([first.chi2, *wrong]) - min(right), 1)
+    return row
+
+
+def _same(hidden: set[str]) -> frozenset[str]:
+    return SYMMETRIC if hidden & SYMMETRIC else frozenset()
+
+
+def main() -> None:
+    """Runs what is not yet there."""
+    parser = argparse.ArgumentParser(description="The study of diagnoses.")
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("--rounds", type=int, nargs="+", default=list(range(ROUNDS)))
+    parser.add_argument("--processes", type=int, default=2)
+    chosen = parser.parse_args()
+    left = [case for case in cases(chosen.rounds) if not (chosen.folder / case.name / "result.json").is_file()]
+    with multiprocessing.get_context("spawn").Pool(chosen.processes, maxtasksperchild=20) as pool:
+        pool.starmap(run, [(case, chosen.folder) for case in left], chunksize=1)
+
+
+if __name__ == "__main__":
+    main()
