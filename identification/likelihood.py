@@ -24,6 +24,7 @@ LAMBDA_RATE = 240.0
 STEP_FACTOR = 1.7
 #: Where the noise is unknown, a search first takes it for this share of the readings' RMS.
 _UNKNOWN_NOISE = 0.02
+_NONE = np.empty(0)
 
 
 class Likelihood:
@@ -102,23 +103,41 @@ class Likelihood:
         values, run = self.values(point), self.experiment.runs[index]
         cradle = self.cradle(values, run)
         beginning, zero = self.beginning(values, index)
-        instrument = Instrument(cradle, run.quantity)
-        wanted = np.maximum(instrument.instants(run.times[rows] - zero), 0.0)
         grid = np.arange(int(WINDOW[1] * LAMBDA_RATE) + 1) / LAMBDA_RATE if with_lambda else np.empty(0)
-        times = np.concatenate([wanted, grid])
-        order = np.argsort(times, kind="stable")
-        back = np.empty_like(order)
-        back[order] = np.arange(len(order))
-        motion = simulate(cradle, beginning, times=times[order], ledger=False, step_factor=STEP_FACTOR)
-        theta, r = motion.theta[back], motion.r[back]
-        rest = np.array([values.get(f"rest[{i}]@{index + 1}", 0.0) for i in range(1, cradle.bobs + 1)])
-        still = equilibrium(cradle) if run.quantity == "x" else None
-        readings = instrument.readings(theta[: len(wanted)], r[: len(wanted)], still) + rest
+        readings, theta = self.observed(cradle, beginning, run.times[rows] - zero, values, index, grid)
         if not with_lambda:
             return readings, math.nan
         assert isinstance(beginning, Release)
         end, theta0 = beginning.lead(cradle)
-        return readings, float(newton_exponent(grid, sigma(grid, theta[len(wanted) :, end], theta0, cradle.period)))
+        return readings, float(newton_exponent(grid, sigma(grid, theta[:, end], theta0, cradle.period)))
+
+    def instrument(self, cradle: Cradle, index: int) -> Instrument:
+        """What turned the motion of the cradle into the readings of run `index`."""
+        return Instrument(cradle, self.experiment.runs[index].quantity)
+
+    def observed(
+        self,
+        cradle: Cradle,
+        beginning: Release | InitialState,
+        times: np.ndarray,
+        values: Mapping[str, float],
+        index: int,
+        more: np.ndarray = _NONE,
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """(readings (T, N) as the instrument of run `index` sees this cradle at times (T,) after it begins, θ at more
+        times (M,), (M, N) [rad])."""
+        instrument = self.instrument(cradle, index)
+        wanted = np.maximum(instrument.instants(times), 0.0)
+        together = np.concatenate([wanted, more])
+        order = np.argsort(together, kind="stable")
+        back = np.empty_like(order)
+        back[order] = np.arange(len(order))
+        motion = simulate(cradle, beginning, times=together[order], ledger=False, step_factor=STEP_FACTOR)
+        theta, r = motion.theta[back], motion.r[back]
+        rest = np.array([values.get(f"rest[{i}]@{index + 1}", 0.0) for i in range(1, cradle.bobs + 1)])
+        still = equilibrium(cradle) if instrument.quantity == "x" else None
+        readings = instrument.readings(theta[: len(wanted)], r[: len(wanted)], still) + rest
+        return readings, theta[len(wanted) :]
 
     def sigma_of(self, values: Mapping[str, float], index: int) -> float:
         """Standard deviation of the noise of run `index` [rad or m]."""

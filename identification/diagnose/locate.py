@@ -14,14 +14,11 @@ import numpy as np
 from scipy.special import gammaln
 from scipy.stats import chi2
 
-from cradle_env.simulation import simulate
-from identification.diagnose.fitted import Fitted
-from identification.likelihood import STEP_FACTOR
+from identification.diagnose.fitted import Fitted, span
+from identification.diagnose.windows import edges, motions, windows
 
-#: Width of a window, in small-angle periods, and the harmonics of the swing sought in it.
-_WINDOW, _HARMONICS = 2.0, 3
-#: Readings are near an impact within so many seconds of it.
-_NEAR = 0.025
+#: Harmonics of the swing sought in a window.
+_HARMONICS = 3
 #: Sectors of the swing's phase.
 _SECTORS = 8
 _MOST_SHOWN = 12
@@ -30,7 +27,8 @@ _MOST_SHOWN = 12
 @dataclass(frozen=True)
 class Place:
     """Part of the residuals: rows (R',) among them, and what is sought there: orthonormal columns (R', k), or, with
-    None, the sum of squares. bob −1: all bobs; phase: "all", "flight", "impact" or a sector of the swing."""
+    None, the sum of squares. bob −1: all bobs; phase: "all", "flight", "impact", a sector of the swing, "amplitude",
+    "frequency", or "within": within a window, its start state inferred."""
 
     run: int
     bob: int
@@ -105,35 +103,51 @@ def _described(fitted: Fitted, place: Place, statistic: float, p: float) -> dict
 
 
 def all_places(fitted: Fitted) -> list[Place]:
-    """Every place that is scanned: each run as a whole; of each bob all, its sectors of phase, and windows of time,
-    in flight by the harmonics of the swing and near impacts by the sum of squares."""
-    at, places = fitted.readings, []
+    """Every place that is scanned: each run as a whole; of each bob all, its sectors of phase, its amplitude and its
+    timing; and windows of time: in flight by the harmonics of the swing, near impacts by the sum of squares, and, with
+    the state at the start of the window inferred, by the harmonics again."""
+    places = []
     omega = 2.0 * np.pi / fitted.cradle.period
-    width = _WINDOW * fitted.cradle.period
-    for k in np.unique(at.run):
-        of_run = np.flatnonzero(at.run == k)
-        whole = (float(at.time[of_run].min()), float(at.time[of_run].max()))
-        places.append(Place(int(k), -1, whole, "all", of_run, None))
-        near, phase = _phases(fitted, int(k))
-        for bob in np.unique(at.bob[of_run]):
-            rows = of_run[at.bob[of_run] == bob]
-            close, sector, time = near[at.bob[of_run] == bob], phase[at.bob[of_run] == bob], at.time[rows]
-            add = functools.partial(Place, int(k), int(bob))
-            places.append(add(whole, "all", rows, None))
+    for motion in motions(fitted):
+        run = int(fitted.readings.run[motion.rows[0]])
+        ends = edges(fitted, run)
+        whole = (float(ends[0]), float(ends[-1]))
+        places.append(Place(run, -1, whole, "all", motion.rows, None))
+        angle = np.mod(np.arctan2(-motion.speed, motion.theta), 2.0 * np.pi)
+        sector = np.minimum((angle * _SECTORS / (2.0 * np.pi)).astype(int), _SECTORS - 1)
+        for bob in np.unique(motion.bob):
+            mine = motion.bob == bob
+            add = functools.partial(Place, run, int(bob))
+            places.append(add(whole, "all", motion.rows[mine], None))
             for s in range(_SECTORS):
-                inside = rows[sector == s]
-                if len(inside) >= 20:
-                    basis = np.full((len(inside), 1), len(inside) ** -0.5)
-                    places.append(add(whole, f"{360 * s // _SECTORS}–{360 * (s + 1) // _SECTORS}°", inside, basis))
-            edges = np.linspace(*whole, max(1, round((whole[1] - whole[0]) / width)) + 1)
-            for low, high in itertools.pairwise(edges):
-                window = (time >= low) & ((time < high) | (high == whole[1]))
-                flight, impact = window & ~close, window & close
+                inside = mine & (sector == s)
+                if inside.sum() >= 20:
+                    places.append(
+                        add(whole, f"{360 * s // _SECTORS}–{360 * (s + 1) // _SECTORS}°", motion.rows[inside],
+                            np.full((int(inside.sum()), 1), inside.sum() ** -0.5))
+                    )  # fmt: skip
+            # Residuals along θ are an amplitude that is off, along θ̇ a frequency: over the run a sum, and its trend.
+            trend = (motion.time[mine] - whole[0]) / (whole[1] - whole[0])
+            for phase, shape in (("amplitude", motion.theta[mine]), ("frequency", motion.speed[mine])):
+                places.append(add(whole, phase, motion.rows[mine], span(np.column_stack([shape, shape * trend]))))
+            for low, high in itertools.pairwise(ends):
+                window = mine & (motion.time >= low) & ((motion.time < high) | (high == whole[1]))
+                flight, impact = window & ~motion.near, window & motion.near
                 if flight.sum() >= 4 * (2 * _HARMONICS + 1):
-                    basis = _harmonics(omega * time[flight])
-                    places.append(add((float(low), float(high)), "flight", rows[flight], basis))
+                    basis = _harmonics(omega * motion.time[flight])
+                    places.append(add((float(low), float(high)), "flight", motion.rows[flight], basis))
                 if impact.sum() >= 3:
-                    places.append(add((float(low), float(high)), "impact", rows[impact], None))
+                    places.append(add((float(low), float(high)), "impact", motion.rows[impact], None))
+    for window in windows(fitted):
+        of_bob = fitted.readings.bob[window.rows]
+        for bob in np.unique(of_bob):
+            mine = of_bob == bob
+            if mine.sum() < 4 * (2 * _HARMONICS + 1):
+                continue
+            columns = np.zeros((len(of_bob), 2 * _HARMONICS + 1))
+            columns[mine] = _harmonics(omega * fitted.readings.time[window.rows][mine])
+            left = columns - window.absorbed @ (window.absorbed.T @ columns)
+            places.append(Place(window.run, int(bob), window.interval, "within", window.rows, span(left)))
     return places
 
 
@@ -143,28 +157,3 @@ def _harmonics(angle: np.ndarray) -> np.ndarray:
     for h in range(1, _HARMONICS + 1):
         columns += [np.cos(h * angle), np.sin(h * angle)]
     return np.linalg.qr(np.column_stack(columns))[0]
-
-
-def _phases(fitted: Fitted, index: int) -> tuple[np.ndarray, np.ndarray]:
-    """(whether near an impact of its bob, sector of the phase atan2(−θ̇/ω, θ)) of the readings of a run, (R',) each."""
-    likelihood, at = fitted.likelihood, fitted.readings
-    mine = at.run == index
-    beginning, zero = likelihood.beginning(fitted.values, index)
-    cradle = likelihood.cradle(fitted.values, fitted.experiment.runs[index])
-    instants = np.unique(np.maximum(at.time[mine] - zero, 0.0))
-    motion = simulate(cradle, beginning, times=instants, ledger=False, step_factor=STEP_FACTOR)
-    row = np.searchsorted(instants, np.maximum(at.time[mine] - zero, 0.0))
-    bob = at.bob[mine]
-    speed = motion.theta_dot[row, bob] * cradle.period / (2.0 * np.pi)
-    angle = np.mod(np.arctan2(-speed, motion.theta[row, bob]), 2.0 * np.pi)
-    near = np.zeros(len(row), bool)
-    for i in range(cradle.bobs):
-        hits = motion.impacts["time"][np.isin(motion.impacts["pair"], (i, i + 1))]
-        if len(hits):
-            after = np.searchsorted(hits, instants[row])
-            distance = np.minimum(
-                np.abs(instants[row] - hits[np.maximum(after - 1, 0)]),
-                np.abs(instants[row] - hits[np.minimum(after, len(hits) - 1)]),
-            )
-            near |= (bob == i) & (distance < _NEAR)
-    return near, np.minimum((angle * _SECTORS / (2.0 * np.pi)).astype(int), _SECTORS - 1)
