@@ -11,8 +11,8 @@ import numpy as np
 from gymnasium import error, logger
 
 from cradle_env.cradle import Cradle
-from cradle_env.episodes import EPISODE_ARRAYS, INFO, OVER, REWARD, SYNCHRONIZED, Episodes, check_status
-from cradle_env.mechanics.control import BAD_ACTION
+from cradle_env.episodes import EPISODE_ARRAYS, Episodes, check_status, shown
+from cradle_env.mechanics.control import BAD_ACTION, OVER, REWARD, SYNCHRONIZED
 from cradle_env.settings import Settings
 from cradle_env.spaces import action_space, observation_space
 from cradle_env.view import View
@@ -139,9 +139,6 @@ class NewtonCradleEnv(gym.Env[np.ndarray, np.ndarray]):
         self.action_space = action_space(self.settings)
         self._episodes = Episodes(1, self.settings)
         self._stepper = self._episodes.stepper()
-        self._action = np.zeros((1, *self.action_space.shape))
-        self._shape = (1, *self.observation_space.shape)
-        self._dtype = self.settings.dtype
         self._reward = None if isinstance(self.settings.reward, str) else self.settings.reward
         self._action_shape = self.action_space.shape
         self._begun = False
@@ -157,14 +154,13 @@ class NewtonCradleEnv(gym.Env[np.ndarray, np.ndarray]):
         settings, posterior = self.settings.for_episode(options)
         super().reset(seed=seed)
         cradle, angle = settings.drawn(self.np_random, posterior)
-        observation = np.empty(self._shape, self._dtype)
-        self._episodes.begin(0, settings, cradle, angle, observation)
+        self._episodes.begin(0, settings, cradle, angle)
         self._ready = self._begun = True
         if self._view is not None:
             self._view.begin()
             if self.render_mode == "human":
                 self.render()
-        return observation[0], self._shown()
+        return self._episodes.observations[0].copy(), self._episodes.info(0)
 
     def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
         """One control interval."""
@@ -172,23 +168,23 @@ class NewtonCradleEnv(gym.Env[np.ndarray, np.ndarray]):
             self._refuse()
         if not isinstance(action, np.ndarray) or action.shape != self._action_shape or action.dtype.kind != "f":
             action = self.settings.checked_action(action)
-        self._action[0] = action
-        before = None if self._reward is None else self._shown()
-        observation = np.empty(self._shape, self._dtype)
-        status = self._stepper.step(self._action, observation, 0, 1)
+        episodes = self._episodes
+        episodes.actions[0] = action
+        before = None if self._reward is None else episodes.info(0)
+        status = self._stepper.step(0, 1)
         if status:
             if status == BAD_ACTION:
                 self.settings.checked_action(action)
             self._ready = False
-            check_status(status, self._shown()["time"])
-        row = self._episodes.report[0].tolist()
-        info = dict(zip(INFO, row))  # noqa: B905  the first part of the report
+            check_status(status, episodes.info(0)["time"])
+        (row,) = episodes.report.tolist()
+        info = shown(row)
         reward = row[REWARD] if before is None else float(self._reward(before, info.copy()))  # type: ignore[misc]
         if self._view is not None:
             self._view.follow(info, self.impacts)
             if self.render_mode == "human":
                 self.render()
-        return observation[0], reward, row[SYNCHRONIZED] > 0.0, row[OVER] > 0.0, info
+        return episodes.observations[0].copy(), reward, row[SYNCHRONIZED] > 0.0, row[OVER] > 0.0, info
 
     def render(self) -> Any:
         """A picture as (H, W, 3) uint8, a text, or a window, by `render_mode`."""
@@ -197,7 +193,7 @@ class NewtonCradleEnv(gym.Env[np.ndarray, np.ndarray]):
             return None
         if self._closed or not self._begun:
             self._refuse()
-        return self._view.render(self._episodes, 0, self._shown())
+        return self._view.render(self._episodes, 0, self._episodes.info(0))
 
     def close(self) -> None:
         """Closes the window; no step afterwards."""
@@ -210,7 +206,7 @@ class NewtonCradleEnv(gym.Env[np.ndarray, np.ndarray]):
         """Impacts of the last step: time [s], pair (i: bobs i and i + 1), speed [m/s], loss [J]."""
         if not self._begun:
             self._refuse()
-        return self._stepper.rows(int(self._shown()["impacts"]))
+        return self._stepper.rows(int(self._episodes.info(0)["impacts"]))
 
     def get_state(self) -> State:
         """The whole state, motion, hysteresis memory, random numbers and all; `set_state` puts it back."""
@@ -237,9 +233,6 @@ class NewtonCradleEnv(gym.Env[np.ndarray, np.ndarray]):
         if self._view is not None:
             self._view.begin()
 
-    def _shown(self) -> dict[str, float]:
-        return dict(zip(INFO, self._episodes.report[0].tolist(), strict=False))  # the first part of the report
-
     def _refuse(self) -> NoReturn:
         if self._closed:
             raise error.ClosedEnvironmentError("this environment is closed; make another")
@@ -260,12 +253,11 @@ class State:
 
     def repeated(self, count: int) -> State:
         """This state of a single environment as that of a vector environment of `count`, for planners that try many
-        actions at once; from a scalar environment, it shows nothing before the next step."""
+        actions at once."""
         repeated = [np.repeat(array, count, axis=0) for array in self.arrays]
         episodes, more = repeated[:EPISODE_ARRAYS], repeated[EPISODE_ARRAYS:]
         if len(more) == 1:  # a scalar environment keeps its impacts
-            shown = np.zeros((count, 4 * episodes[1].shape[1] + 3))
-            more = [shown, np.maximum(episodes[3]["steps"], 0), np.zeros(count, bool)]
+            more = [np.maximum(episodes[3]["steps"], 0), np.zeros(count, bool)]
         return State(
             settings=self.settings * count,
             cradles=self.cradles * count,

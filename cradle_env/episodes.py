@@ -7,6 +7,7 @@ import math
 from collections.abc import Callable, Sequence
 from typing import Any
 
+import numba
 import numpy as np
 
 from cradle_env.cradle import Cradle
@@ -17,11 +18,8 @@ from cradle_env.simulation import EXHAUSTED, SimulationError, impact_rows, recor
 from cradle_env.spaces import largest
 from cradle_env.synchronization import ENVELOPE_PERIODS, FLOOR, WINDOW
 
-#: Columns of `report` that an info shows.
-INFO: tuple[str, ...] = control.REPORT[: control.REPORT.index("reward")]
-REWARD, SYNCHRONIZED, OVER = (control.REPORT.index(name) for name in ("reward", "synchronized", "over"))
 #: How many arrays `Episodes.arrays` are.
-EPISODE_ARRAYS = 6
+EPISODE_ARRAYS = 7
 # Integration step over that of `simulate`: 1e-8 rad instead of 1e-10 over 10 s.
 _STEP_FACTOR = 2.0
 # Samples of σ are taken at least so often [1/s]: a peak is missed by 3e-4 of it at most.
@@ -29,6 +27,17 @@ _SAMPLE_RATE = 120.0
 # Impacts of one bob in an interval that are kept; more are counted all the same.
 _IMPACTS = 16
 _REWARDS = {"synchronize": p.SYNCHRONIZE, "sustain": p.SUSTAIN}
+# The machine code of `control.step`, by the type of the observations.
+_STEPS: dict[np.dtype, Callable[..., int]] = {}
+
+
+def shown(report: Sequence[Any] | np.ndarray) -> dict[str, Any]:
+    """What an info shows of a row of `report`, or of its columns; energies in J."""
+    return {
+        "time": report[0], "delta": report[1], "release_angle": report[2], "sigma": report[3],
+        "newton_exponent": report[4], "impacts": report[5], "fastest_impact": report[6], "kinetic": report[7],
+        "gravity": report[8], "strings": report[9], "drag": report[10], "collisions": report[11], "spacer": report[12],
+    }  # fmt: skip
 
 
 class Episodes:
@@ -41,15 +50,18 @@ class Episodes:
         self.state = np.zeros((count, n, p.COLUMNS))
         self.episodes = np.zeros(count, p.EPISODE)
         self.ring = np.zeros((count, 1))
-        self.report = np.zeros((count, len(control.REPORT)))
+        self.report = np.zeros((count, control.REPORT))
+        self.observations = np.zeros((count, 4 * n + 3), settings.dtype)
+        #: What the next step takes, in [-1, 1]; no part of the state.
+        self.actions = np.zeros((count, len(settings.actions)))
         self._steppers: list[Stepper] = []
         #: The cradle of each episode.
         self.of: list[Cradle | None] = [None] * count
         self._largest = largest(settings)
         self._records: tuple[Cradle, Settings, np.ndarray, np.ndarray, np.ndarray] | None = None
 
-    def begin(self, k: int, settings: Settings, cradle: Cradle, angle: float, observations: np.ndarray) -> None:
-        """Puts episode k before its release: `cradle`, to be released at `angle` [rad]; writes observations[k]."""
+    def begin(self, k: int, settings: Settings, cradle: Cradle, angle: float) -> None:
+        """Puts episode k before its release: `cradle`, to be released at `angle` [rad]."""
         # Most episodes are of the same cradle under the same settings.
         if self._records is None or self._records[0] is not cradle or self._records[1] is not settings:
             self.check_shown(cradle)
@@ -58,28 +70,28 @@ class Episodes:
         self.cradles[k], self.bobs[k], self.episodes[k] = c[0], bobs, episode[0]
         self.of[k] = cradle
         self.episodes["angle_range"][k, 1] = angle
-        width = 2 * int(episode["half_window"][0]) + 1
-        if width > self.ring.shape[1]:
-            self.ring = np.pad(self.ring, ((0, 0), (0, width - self.ring.shape[1])))
-            self._bind()
+        self._widen(2 * int(episode["half_window"][0]) + 1)
         control.begin(
-            self.cradles, self.bobs, self.state, *_scratch(settings.bobs)[:2], self.episodes, observations,
+            self.cradles, self.bobs, self.state, *_scratch(settings.bobs)[:2], self.episodes, self.observations,
             self.report, k,
         )  # fmt: skip
 
     def arrays(self) -> tuple[np.ndarray, ...]:
         """Everything that makes up the state: copies of these, put back, continue bit for bit."""
-        return self.cradles, self.bobs, self.state, self.episodes, self.ring, self.report
+        return self.cradles, self.bobs, self.state, self.episodes, self.report, self.observations, self.ring
 
     def restore(self, arrays: tuple[np.ndarray, ...], of: Sequence[Cradle | None]) -> None:
         """Takes up a state of the cradles `of`, copied from `arrays`."""
-        copies = (a.copy() for a in arrays)
-        self.cradles, self.bobs, self.state, self.episodes, self.ring, self.report = copies
+        width = arrays[-1].shape[1]
+        self._widen(width)
+        for own, saved in zip((*self.arrays()[:-1], self.ring[:, :width]), arrays, strict=True):
+            own[:] = saved
         self.of = list(of)
-        # A force from outside has another address in every process.
-        for k in np.flatnonzero(self.cradles["user_force"]):
-            self.cradles["user_force"][k] = records(self.of[k])[0]["user_force"][0]  # type: ignore[arg-type]
-        self._bind()
+        self._find_forces()
+
+    def info(self, k: int) -> dict[str, float]:
+        """The info of episode k."""
+        return shown(self.report[k].tolist())
 
     def check_shown(self, cradle: Cradle) -> None:
         """ValueError if the bobs of a cradle can move beyond what the observations hold."""
@@ -98,6 +110,17 @@ class Episodes:
         self._steppers[-1].bind(self)
         return self._steppers[-1]
 
+    def _widen(self, width: int) -> None:
+        """Makes room in `ring` for so many samples of each episode."""
+        if width > self.ring.shape[1]:
+            self.ring = np.pad(self.ring, ((0, 0), (0, width - self.ring.shape[1])))
+            self._bind()
+
+    def _find_forces(self) -> None:
+        """A force from outside has another address in every process."""
+        for k in np.flatnonzero(self.cradles["user_force"]):
+            self.cradles["user_force"][k] = records(self.of[k])[0]["user_force"][0]  # type: ignore[arg-type]
+
     def _bind(self) -> None:
         for stepper in self._steppers:
             stepper.bind(self)
@@ -107,25 +130,31 @@ class Episodes:
 
     def __setstate__(self, kept: dict[str, Any]) -> None:
         self.__dict__.update(kept)
-        self.restore(self.arrays(), self.of)
+        self._find_forces()
+        self._bind()
 
 
 class Stepper:
-    """Scratch of one thread, and the call that advances a range of episodes by one control interval.
+    """Scratch of one thread, and the call that advances the episodes lo..hi-1 by one control interval.
 
-    step(actions (K, A), observations (K, 4 N + 3), lo, hi) returns the first status that is not DONE.
+    step(lo, hi) returns the first status that is not DONE.
     """
 
     def __init__(self, bobs: int) -> None:
         self.scratch, self.angles, self.impacts = _scratch(bobs)
-        self.step: Callable[[np.ndarray, np.ndarray, int, int], int]
+        self.step: Callable[[int, int], int]
 
     def bind(self, of: Episodes) -> None:
-        """Steps these episodes from now on: the call that is made most has the fewest arguments to gather."""
-        self.step = functools.partial(
-            control.step, of.cradles, of.bobs, restitution.universal_curves(), of.state, self.scratch, self.angles,
-            of.episodes, of.ring, self.impacts, of.report,
+        """Steps these episodes from now on. The machine code is called as it is: numba's dispatcher would look up the
+        types of all arguments at every call, which takes a tenth of a step."""
+        arguments = (
+            of.cradles, of.bobs, restitution.universal_curves(), of.state, self.scratch, self.angles, of.episodes,
+            of.ring, self.impacts, of.report, of.actions, of.observations,
         )  # fmt: skip
+        kind = of.observations.dtype
+        if kind not in _STEPS:
+            _STEPS[kind] = control.step.compile((*map(numba.typeof, arguments), numba.int64, numba.int64))
+        self.step = functools.partial(_STEPS[kind], *arguments)
 
     def __getstate__(self) -> dict[str, Any]:
         return {name: value for name, value in self.__dict__.items() if name != "step"}
@@ -140,9 +169,9 @@ def _scratch(bobs: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def _records(
-    cradle: Cradle, settings: Settings, shown: tuple[float, float, float]
+    cradle: Cradle, settings: Settings, most: tuple[float, float, float]
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Records of a cradle and of its episode: (1,) of CRADLE, (N,) of BOB and (1,) of EPISODE; shown: see `largest`."""
+    """Records of a cradle and of its episode: (1,) of CRADLE, (N,) of BOB and (1,) of EPISODE; most: see `largest`."""
     c, bobs = records(cradle, _STEP_FACTOR)
     steps = math.ceil(settings.control_interval / c["step"][0] - 1e-9)
     c["step"] = settings.control_interval / steps
@@ -166,7 +195,7 @@ def _records(
         "synchronized_at": settings.synchronized_at,
         "duration": settings.duration,
         "reward_kind": _REWARDS.get(settings.reward, p.ELSEWHERE) if isinstance(settings.reward, str) else p.ELSEWHERE,
-        "largest": shown,
+        "largest": most,
         "steps": -1,
         "delta": cradle.delta,
         "sigma": 1.0,

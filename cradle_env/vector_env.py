@@ -13,7 +13,8 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
 from cradle_env.env import NewtonCradleEnv, State, check_render_mode, check_state
-from cradle_env.episodes import INFO, OVER, REWARD, SYNCHRONIZED, Episodes, check_status
+from cradle_env.episodes import Episodes, check_status, shown
+from cradle_env.mechanics.control import OVER, REWARD, SYNCHRONIZED
 from cradle_env.settings import Settings, as_numbers
 from cradle_env.simulation import cores
 from cradle_env.spaces import action_space, observation_space
@@ -72,7 +73,6 @@ class NewtonCradleVectorEnv(VectorEnv):
         self.action_space = batch_space(self.single_action_space, self.num_envs)
         self._limit = max_episode_steps if max_episode_steps is not None and max_episode_steps > 0 else np.inf
         self._episodes = Episodes(self.num_envs, self.settings)
-        self._observations = np.zeros(self.observation_space.shape, self.settings.dtype)  # type: ignore[arg-type]
         self._random: list[np.random.Generator | None] = [None] * self.num_envs
         self._seeds = [-1] * self.num_envs
         self._steps = np.zeros(self.num_envs, int)
@@ -105,13 +105,13 @@ class NewtonCradleVectorEnv(VectorEnv):
             self._begin(k, options)
         self._over[which] = False
         self._ready = True
-        return self._observations.copy(), self._infos(which)
+        return self._episodes.observations.copy(), self._infos(which)
 
     def _begin(self, k: int, options: Mapping[str, Any] | None = None) -> None:
-        """Puts episode k before its release, shown in `_observations`."""
+        """Puts episode k before its release."""
         settings, posterior = self._each[k].for_episode(options)
         cradle, angle = settings.drawn(self._generator(k), posterior)
-        self._episodes.begin(k, settings, cradle, angle, self._observations)
+        self._episodes.begin(k, settings, cradle, angle)
         self._steps[k] = 0
         if self._views:
             self._views[k].begin()
@@ -128,12 +128,12 @@ class NewtonCradleVectorEnv(VectorEnv):
         """One control interval of every environment that is not to be reset first."""
         if not self._ready:
             self._refuse()
-        actions = self._checked_actions(actions)
+        self._episodes.actions[:] = self._checked_actions(actions)
         if self.autoreset_mode is AutoresetMode.DISABLED and self._over.any():
             raise error.ResetNeeded(f"episodes {_indices(self._over)} are over; reset them with options reset_mask")
         waiting = _indices(self._over)
-        before = {k: self._info(k) for k in self._rewarding}
-        self._advance(actions, waiting)
+        before = {k: self._episodes.info(k) for k in self._rewarding}
+        self._advance(waiting)
         for k in waiting:
             self._begin(k)
 
@@ -141,11 +141,11 @@ class NewtonCradleVectorEnv(VectorEnv):
         rewards = np.where(moved, report[:, REWARD], 0.0)
         for k in self._rewarding:
             if moved[k]:
-                rewards[k] = float(self._each[k].reward(before[k], self._info(k)))  # type: ignore[operator]
+                rewards[k] = float(self._each[k].reward(before[k], self._episodes.info(k)))  # type: ignore[operator]
         self._steps[moved] += 1
         for k, view in enumerate(self._views):
             if moved[k]:
-                view.follow(self._info(k), np.zeros(0, IMPACT))
+                view.follow(self._episodes.info(k), np.zeros(0, IMPACT))
         terminated = moved & (report[:, SYNCHRONIZED] > 0.0)
         truncated = moved & ((report[:, OVER] > 0.0) | (self._steps >= self._limit))
         self._over = terminated | truncated
@@ -153,7 +153,7 @@ class NewtonCradleVectorEnv(VectorEnv):
         if self.autoreset_mode is AutoresetMode.SAME_STEP and self._over.any():
             final = np.full(self.num_envs, None, dtype=object)
             for k in _indices(self._over):
-                final[k] = self._observations[k].copy()
+                final[k] = self._episodes.observations[k].copy()
             last = {
                 "final_obs": final,
                 "_final_obs": self._over.copy(),
@@ -163,10 +163,10 @@ class NewtonCradleVectorEnv(VectorEnv):
             for k in _indices(self._over):
                 self._begin(k)
             self._over = np.zeros(self.num_envs, bool)
-        return self._observations.copy(), rewards, terminated, truncated, {**last, **self._infos()}
+        return self._episodes.observations.copy(), rewards, terminated, truncated, {**last, **self._infos()}
 
     def _checked_actions(self, actions: Any) -> np.ndarray:
-        checked = np.ascontiguousarray(as_numbers(actions))
+        checked = as_numbers(actions)
         if checked.shape != self.action_space.shape:
             told = f"of shape {actions.shape} and type {actions.dtype}" if isinstance(actions, np.ndarray) else ""
             wanted = f"numbers in [-1, 1] of shape {self.action_space.shape}"
@@ -177,7 +177,7 @@ class NewtonCradleVectorEnv(VectorEnv):
             raise error.InvalidAction(f"the action of environment {k} is {checked[k].tolist()}; it must be in [-1, 1]")
         return checked
 
-    def _advance(self, actions: np.ndarray, waiting: list[int]) -> None:
+    def _advance(self, waiting: list[int]) -> None:
         """Steps all episodes but those waiting, each thread a part of them."""
         bounds = np.linspace(0, self.num_envs, len(self._steppers) + 1).astype(int)
 
@@ -185,7 +185,7 @@ class NewtonCradleVectorEnv(VectorEnv):
             lo, end = bounds[thread], bounds[thread + 1]
             failed = 0
             for hi in [*(k for k in waiting if lo <= k < end), end]:
-                failed = self._steppers[thread].step(actions, self._observations, lo, hi) or failed
+                failed = self._steppers[thread].step(lo, hi) or failed
                 lo = hi + 1
             return failed
 
@@ -200,14 +200,11 @@ class NewtonCradleVectorEnv(VectorEnv):
             k = _indices(self._episodes.episodes["status"] != 0)[0]
             check_status(int(self._episodes.episodes["status"][k]), float(self._episodes.report[k, 0]))
 
-    def _info(self, k: int) -> dict[str, float]:
-        return dict(zip(INFO, self._episodes.report[k].tolist(), strict=False))
-
     def _infos(self, which: np.ndarray | None = None) -> dict[str, Any]:
         """The infos of all environments, or of some, in Gymnasium's way: an array and a mask for every key."""
         infos: dict[str, Any] = {}
-        for column, name in enumerate(INFO):
-            values = self._episodes.report[:, column].copy()
+        for name, column in shown(self._episodes.report.T).items():
+            values = column.copy()
             infos[name] = values if which is None else np.where(which, values, 0.0)
             infos[f"_{name}"] = np.ones(self.num_envs, bool) if which is None else which.copy()
         return infos
@@ -219,11 +216,11 @@ class NewtonCradleVectorEnv(VectorEnv):
             return None
         if not self._ready:
             self._refuse()
-        return tuple(view.render(self._episodes, k, self._info(k)) for k, view in enumerate(self._views))
+        return tuple(view.render(self._episodes, k, self._episodes.info(k)) for k, view in enumerate(self._views))
 
     def get_state(self) -> State:
         """The whole state of all environments; `set_state` puts it back."""
-        arrays = (*self._episodes.arrays(), self._observations, self._steps, self._over)
+        arrays = (*self._episodes.arrays(), self._steps, self._over)
         return State(
             settings=tuple(own.lasting for own in self._each),
             cradles=tuple(self._episodes.of),
@@ -237,10 +234,9 @@ class NewtonCradleVectorEnv(VectorEnv):
         """Goes on from a state, bit for bit; ValueError if it is of other environments."""
         if self.closed:
             self._refuse()
-        check_state(state, self._each, self._episodes, 3)
-        *arrays, observations, steps, over = state.arrays
+        check_state(state, self._each, self._episodes, 2)
+        *arrays, steps, over = state.arrays
         self._episodes.restore(tuple(arrays), state.cradles)
-        self._observations[:] = observations
         self._steps, self._over, self._seeds = steps.copy(), over.copy(), list(state.seeds)
         for k, saved in enumerate(state.random):
             if saved is None:

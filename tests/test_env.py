@@ -388,7 +388,7 @@ def links(env: NewtonCradleEnv) -> np.ndarray:
 
 MOMENTS = {
     "before release": ({}, None, NOTHING),
-    "in mid-episode": ({}, lambda env, _: env._shown()["time"] > 1.0, NOTHING),
+    "in mid-episode": ({}, lambda env, _: env._episodes.info(0)["time"] > 1.0, NOTHING),
     "pressed": ({"delta": -0.01}, lambda env, _: (links(env) == p.PRESSED).any(), NOTHING),
     "in a contact": (
         {"effects": {"contact_duration": {"scale": 1.0}}, "bobs": 3, "control_interval": 1e-4, "duration": 2.0},
@@ -397,7 +397,7 @@ MOMENTS = {
     "while the spacer moves": ({}, lambda env, _: env._episodes.episodes["rate"][0] > 0, np.array([1.0, 0.5])),
     "spacer, rigid": ({"model": "pendulum"}, lambda env, _: env._episodes.episodes["rate"][0] > 0, np.array([1, 0.5])),
     "after the end": ({"synchronized_at": 0.9, "bobs": 2}, lambda env, terminated: terminated, NOTHING),
-    "drawn": ({**RANGES}, lambda env, _: env._shown()["impacts"] > 0, NOTHING),
+    "drawn": ({**RANGES}, lambda env, _: env._episodes.info(0)["impacts"] > 0, NOTHING),
 }  # fmt: skip
 
 
@@ -437,7 +437,7 @@ def test_a_state_goes_on_bit_for_bit(moment: str) -> None:
 
 
 def test_a_state_is_not_changed_by_going_on() -> None:
-    env = stepped(NewtonCradleEnv(), lambda env, _: env._shown()["time"] > 0.5)
+    env = stepped(NewtonCradleEnv(), lambda env, _: env._episodes.info(0)["time"] > 0.5)
     state = env.get_state()
     before = pickle.dumps(state)
     env.set_state(state)
@@ -461,7 +461,7 @@ def test_pictures_after_a_state(mode: str) -> None:
     if mode == "rgb_array":
         pytest.importorskip("pygame")
     env = NewtonCradleEnv(render_mode=mode)
-    stepped(env, lambda env, _: env._shown()["time"] > 1.0)
+    stepped(env, lambda env, _: env._episodes.info(0)["time"] > 1.0)
     env.render()
     state, twin = env.get_state(), pickle.loads(pickle.dumps(env))
     assert np.array_equal(env.render(), twin.render())
@@ -594,7 +594,7 @@ def test_recorded_statistics_and_time_limit() -> None:
     assert info["episode"]["l"] == 7
     assert info["episode"]["r"] == pytest.approx(sum(rewards), abs=1e-6)  # the wrapper rounds to 6 digits
     # What a wrapper puts into an info stays out of the environment.
-    assert "episode" not in env.unwrapped._shown()
+    assert "episode" not in env.unwrapped._episodes.info(0)
 
 
 def test_a_rescaled_action_is_the_action() -> None:

@@ -518,3 +518,6 @@ def test_a_state_repeated_goes_on_as_the_one_it_is_of() -> None:
         observations, rewards, *_ = many.step(np.tile(action, (4, 1)))
         np.testing.assert_array_equal(observations, np.tile(observation, (4, 1)))
         np.testing.assert_array_equal(rewards, [reward] * 4)
+    many.set_state(one.get_state().repeated(4))
+    observations, _ = many.reset(options={"reset_mask": np.array([True, False, False, False])})
+    np.testing.assert_array_equal(observations[1:], np.tile(observation, (3, 1)))

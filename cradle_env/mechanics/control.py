@@ -26,11 +26,9 @@ _EDGE = 1e-9
 # Before the spacer changes its speed, only what happens earlier than this [s] must be over.
 _BEFORE = 1e-13
 
-#: Columns of `report`, in order; energies in J.
-REPORT: tuple[str, ...] = (
-    "time", "delta", "release_angle", "sigma", "newton_exponent", "impacts", "fastest_impact", "kinetic", "gravity",
-    "strings", "drag", "collisions", "spacer", "reward", "synchronized", "over",
-)  # fmt: skip
+# Columns of a report behind those that an info shows, and how many there are in all.
+REWARD, SYNCHRONIZED, OVER = 13, 14, 15
+REPORT = 16
 
 
 @entry
@@ -39,7 +37,7 @@ def step(cradles, bobs, table, S, W, angles, episodes, ring, impacts, report, ac
 
     cradles (K,) CRADLE; bobs (K, N) BOB; S (K, N, COLUMNS); W and angles (N,): scratch; episodes (K,) EPISODE;
     ring (K, R) rad: the lifted bob's angle over sigma's window; impacts (M, 4): those of the last run's interval;
-    report (K, len(REPORT)); actions (K, A) in [-1, 1]; observations (K, 4 N + 3).
+    report (K, REPORT); actions (K, A) in [-1, 1]; observations (K, 4 N + 3).
     """
     worst = DONE
     times, motion = W[0, :0], S[:0]  # the runs take no samples
@@ -109,8 +107,8 @@ def _step(cradle, bobs, table, S, W, angles, episode, ring, action, times, motio
     report[4] = episode.exponents / max(episode.exponent_count, 1)
     report[5], report[6] = count, fastest
     energies(cradle, bobs, S, episode, end, report)
-    report[13] = reward(episode, sigma, min(end, episode.duration) - start)
-    report[14], report[15] = synchronized, end >= episode.duration - _EDGE
+    report[REWARD] = reward(episode, sigma, min(end, episode.duration) - start)
+    report[SYNCHRONIZED], report[OVER] = synchronized, end >= episode.duration - _EDGE
     return DONE
 
 
