@@ -95,7 +95,7 @@ def test_files_of_a_diagnosis(diagnosed, tmp_path):
     assert {"significant", "p", "described"} <= set(read["remainder"])
     assert read["inputs"] == diagnosed.experiment.digest and read["seed"] == 0 and read["version"]
     page = (tmp_path / "report.html").read_text(encoding="utf-8")
-    assert page.count("data:image/png;base64,") == 3 and "http" not in page.replace("http-equiv", "")
+    assert page.count("data:image/png;base64,") == 4 and "http" not in page.replace("http-equiv", "")
     assert content["steps"][0]["effect"] in page
 
 

@@ -118,6 +118,10 @@ class Diagnosis:
             "inputs": self.experiment.digest,
             "verdict": self.verdict,
             "where": list(self.repaired.examined[0].located.where),
+            "energy": [
+                {"run": self.experiment.runs[e.run].file, "t": e.time, "excess": e.energy, "sd": e.sd}
+                for e in self.repaired.examined[0].located.ledger
+            ],
             "steps": [self._step(step) for step in self.repaired.steps if step.effect not in doubtful],
             "equivalent": [list(names) for names in self.equivalent],
             "gap_first": self.gap_first,

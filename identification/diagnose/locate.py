@@ -11,14 +11,15 @@ import itertools
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.polynomial.legendre import legvander
 from scipy.special import gammaln
 from scipy.stats import chi2
 
 from identification.diagnose.fitted import Fitted, span
-from identification.diagnose.windows import edges, motions, windows
+from identification.diagnose.windows import Window, edges, motions, windows
 
-#: Harmonics of the swing sought in a window.
-_HARMONICS = 3
+#: Harmonics of the swing sought in a window; degree of slow courses over a run.
+_HARMONICS, _DEGREE = 3, 4
 #: Sectors of the swing's phase.
 _SECTORS = 8
 _MOST_SHOWN = 12
@@ -28,7 +29,7 @@ _MOST_SHOWN = 12
 class Place:
     """Part of the residuals: rows (R',) among them, and what is sought there: orthonormal columns (R', k), or, with
     None, the sum of squares. bob −1: all bobs; phase: "all", "flight", "impact", a sector of the swing, "amplitude",
-    "frequency", or "within": within a window, its start state inferred."""
+    "frequency" or "energy" over the run, or "within" a window, the state at its start inferred."""
 
     run: int
     bob: int
@@ -45,9 +46,20 @@ class Place:
 
 
 @dataclass(frozen=True)
+class Excess:
+    """Energy [J] that the bobs of a run hold beyond the model at a time [s] of its file, and its sd; all bobs."""
+
+    run: int
+    time: float
+    energy: float
+    sd: float
+
+
+@dataclass(frozen=True)
 class Located:
     """Where model and data part: `where`, the most surprising first, each with its statistic (−log10 p of the place
-    alone) and p among all places; p: that of the most surprising; replicas: the largest surprise in each replicate."""
+    alone) and p among all places; p: that of the most surprising; replicas: the largest surprise in each replicate;
+    ledger: where the data hold more or less energy than the model."""
 
     where: tuple[dict, ...]
     p: float
@@ -55,6 +67,7 @@ class Located:
     replicas: np.ndarray
     statistic: np.ndarray
     places: tuple[Place, ...]
+    ledger: tuple[Excess, ...]
 
 
 def surprise(statistic: np.ndarray | float, degrees: int) -> np.ndarray:
@@ -73,7 +86,8 @@ def log_tail(statistic: np.ndarray | float, degrees: int) -> np.ndarray:
 
 def locate(fitted: Fitted, replicates: np.ndarray) -> Located:
     """Scans all places; replicates: (R + P, M), see `Fitted.replicates`."""
-    places = all_places(fitted)
+    in_windows = windows(fitted)
+    places = all_places(fitted, in_windows)
     found = np.array([float(place.surprise(fitted.residuals)) for place in places])
     replicas = np.max([place.surprise(replicates) for place in places], axis=0)
     by_size = np.argsort(-found)
@@ -83,7 +97,11 @@ def locate(fitted: Fitted, replicates: np.ndarray) -> Located:
         if p <= 0.05:
             where.append(_described(fitted, places[i], float(found[i]), p))
     largest = float(found[by_size[0]])
-    return Located(tuple(where), share(replicas, largest), largest, replicas, found, tuple(places))
+    ledger = [
+        Excess(window.run, window.interval[0], float(window.energy @ fitted.residuals[window.rows]), window.sd)
+        for window in in_windows
+    ]  # fmt: skip
+    return Located(tuple(where), share(replicas, largest), largest, replicas, found, tuple(places), tuple(ledger))
 
 
 def share(replicas: np.ndarray, value: float) -> float:
@@ -102,7 +120,7 @@ def _described(fitted: Fitted, place: Place, statistic: float, p: float) -> dict
     }
 
 
-def all_places(fitted: Fitted) -> list[Place]:
+def all_places(fitted: Fitted, found: list[Window]) -> list[Place]:
     """Every place that is scanned: each run as a whole; of each bob all, its sectors of phase, its amplitude and its
     timing; and windows of time: in flight by the harmonics of the swing, near impacts by the sum of squares, and, with
     the state at the start of the window inferred, by the harmonics again."""
@@ -126,10 +144,10 @@ def all_places(fitted: Fitted) -> list[Place]:
                         add(whole, f"{360 * s // _SECTORS}–{360 * (s + 1) // _SECTORS}°", motion.rows[inside],
                             np.full((int(inside.sum()), 1), inside.sum() ** -0.5))
                     )  # fmt: skip
-            # Residuals along θ are an amplitude that is off, along θ̇ a frequency: over the run a sum, and its trend.
-            trend = (motion.time[mine] - whole[0]) / (whole[1] - whole[0])
+            # Residuals along θ are an amplitude that is off, along θ̇ a frequency.
+            course = _course(motion.time[mine], whole)
             for phase, shape in (("amplitude", motion.theta[mine]), ("frequency", motion.speed[mine])):
-                places.append(add(whole, phase, motion.rows[mine], span(np.column_stack([shape, shape * trend]))))
+                places.append(add(whole, phase, motion.rows[mine], span(shape[:, None] * course)))
             for low, high in itertools.pairwise(ends):
                 window = mine & (motion.time >= low) & ((motion.time < high) | (high == whole[1]))
                 flight, impact = window & ~motion.near, window & motion.near
@@ -138,7 +156,9 @@ def all_places(fitted: Fitted) -> list[Place]:
                     places.append(add((float(low), float(high)), "flight", motion.rows[flight], basis))
                 if impact.sum() >= 3:
                     places.append(add((float(low), float(high)), "impact", motion.rows[impact], None))
-    for window in windows(fitted):
+    for run in sorted({window.run for window in found}):
+        places.append(_energy([window for window in found if window.run == run]))
+    for window in found:
         of_bob = fitted.readings.bob[window.rows]
         for bob in np.unique(of_bob):
             mine = of_bob == bob
@@ -149,6 +169,21 @@ def all_places(fitted: Fitted) -> list[Place]:
             left = columns - window.absorbed @ (window.absorbed.T @ columns)
             places.append(Place(window.run, int(bob), window.interval, "within", window.rows, span(left)))
     return places
+
+
+def _course(time: np.ndarray, whole: tuple[float, float]) -> np.ndarray:
+    """Slow courses over a run: Legendre polynomials in time, (T, K)."""
+    return legvander(2.0 * (time - whole[0]) / (whole[1] - whole[0]) - 1.0, _DEGREE)
+
+
+def _energy(found: list[Window]) -> Place:
+    """A run by the energy that the data hold beyond the model, window by window, in slow courses."""
+    whole = found[0].interval[0], found[-1].interval[1]
+    course = _course(np.array([window.interval[0] for window in found]), whole)
+    columns = np.concatenate([
+        np.outer(window.energy / window.sd**2, own) for window, own in zip(found, course, strict=True)
+    ])  # fmt: skip
+    return Place(found[0].run, -1, whole, "energy", np.concatenate([window.rows for window in found]), span(columns))
 
 
 def _harmonics(angle: np.ndarray) -> np.ndarray:

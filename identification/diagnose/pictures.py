@@ -61,6 +61,30 @@ def map_figure(examined: Examined) -> Figure:
 
 
 @styled
+def energy_figure(diagnosis: Diagnosis) -> Figure:
+    """The energy that the data hold beyond the model, as given and repaired, window by window with ± 1 sd."""
+    from matplotlib.figure import Figure
+
+    models = (("as given", RED, "o", diagnosis.repaired.examined[0]), ("repaired", GREEN, "s", diagnosis.repaired.last))
+    runs = sorted({excess.run for excess in models[0][-1].located.ledger})
+    figure = Figure(figsize=(9.0, 0.7 + 2.1 * len(runs)), layout="constrained")
+    for axes, run in zip(figure.subplots(len(runs), 1, squeeze=False)[:, 0], runs, strict=True):
+        axes.axhline(0.0, color=GREY, linewidth=0.8)
+        for name, colour, marker, examined in models if diagnosis.repaired.steps else models[:1]:
+            own = [excess for excess in examined.located.ledger if excess.run == run]
+            axes.errorbar(
+                [e.time for e in own], [1e6 * e.energy for e in own], [1e6 * e.sd for e in own],
+                color=colour, marker=marker, markersize=4.0, linewidth=0.9, capsize=2.0, label=f"model {name}",
+            )  # fmt: skip
+        axes.set_xlabel("time [s]")
+        axes.set_ylabel("energy of data\nless model [µJ]")
+        axes.set_title(diagnosis.experiment.runs[run].file)
+        axes.legend()
+        quiet_grid(axes)
+    return figure
+
+
+@styled
 def candidates_figure(diagnosis: Diagnosis) -> Figure:
     """χ² that each candidate should save, to first order, and what its refit did."""
     from matplotlib.figure import Figure

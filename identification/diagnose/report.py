@@ -9,7 +9,7 @@ from typing import Any
 
 from cradle_env.effects import effect
 from identification.diagnose.diagnosis import Diagnosis
-from identification.diagnose.pictures import candidates_figure, comparison_figure, map_figure
+from identification.diagnose.pictures import candidates_figure, comparison_figure, energy_figure, map_figure
 from identification.files import json_text, write_together
 from identification.page import page
 from identification.style import png
@@ -28,6 +28,7 @@ def html(diagnosis: Diagnosis, content: Mapping[str, Any]) -> str:
     """The report. content: that of diagnosis.json."""
     pictures = {
         "map": map_figure(diagnosis.repaired.examined[0]),
+        **({"energy": energy_figure(diagnosis)} if content["energy"] else {}),
         "candidates": candidates_figure(diagnosis),
         "comparison": comparison_figure(diagnosis),
     }

@@ -37,13 +37,14 @@ class Motion:
 @dataclass(frozen=True, eq=False)
 class Window:
     """Readings of one run between two times [s] of its file: rows (R',), an orthonormal basis (R', k) of what another
-    start state would change, and energy [J] that the data hold beyond the model at its start, with its sd."""
+    start state would change, and the energy [J] that the data hold beyond the model at its start, `energy` @ r for
+    residuals r (R',), with its sd."""
 
     run: int
     interval: tuple[float, float]
     rows: np.ndarray
     absorbed: np.ndarray
-    excess: float
+    energy: np.ndarray
     sd: float
 
 
@@ -118,10 +119,7 @@ def _of_run(fitted: Fitted, index: int) -> list[Window]:
         except (SimulationError, ValueError):
             continue
         S /= steps * likelihood.weighing[index]
-        correction = np.linalg.lstsq(S, -fitted.residuals[rows])[0]
         slope = np.concatenate([weight * np.sin(starts.theta[i]), inertia * starts.theta_dot[i]])
-        variance = slope @ np.linalg.pinv(S.T @ S) @ slope
-        found.append(
-            Window(index, (float(low), float(high)), rows, span(S), float(slope @ correction), float(variance**0.5))
-        )
+        energy = -slope @ np.linalg.pinv(S)
+        found.append(Window(index, (float(low), float(high)), rows, span(S), energy, float(np.linalg.norm(energy))))
     return found
