@@ -67,7 +67,8 @@ def decide(fitted: Fitted, scored: Scored, searcher: Searcher, tell: Progress, a
 
 
 def refitted(fitted: Fitted, scored: Scored, searcher: Searcher, tell: Progress) -> dict[Candidate, Fitted]:
-    """Fits of the model with each candidate worth it, and then with each from where the best of them has its mode."""
+    """Fits of the model with each candidate worth it; then with each of them, and with what looks the same as the best,
+    from where the best has its mode."""
     tried, fits = worth_refitting(scored), {}
     likely = {s.candidate: s.likely for s in scored.scores}
     for i, candidate in enumerate(tried):
@@ -77,10 +78,17 @@ def refitted(fitted: Fitted, scored: Scored, searcher: Searcher, tell: Progress)
         except (SimulationError, ValueError):  # this effect cannot be in this cradle
             continue
     best = min(fits, key=lambda candidate: fits[candidate].chi2, default=None)
-    for i, candidate in enumerate(fits):
-        if candidate is not best:
-            tell("refit", 0.5 + 0.5 * i / len(fits), candidate.label)
-            fits[candidate] = searcher.adding_beside(fitted, candidate, fits[best], likely[candidate])
+    if best is None:
+        return fits
+    alike = next(s.parallel for s in scored.scores if s.candidate == best)
+    others = list(dict.fromkeys([*fits, *alike]))
+    for i, candidate in enumerate(others):
+        if candidate != best:
+            tell("refit", 0.5 + 0.5 * i / len(others), candidate.label)
+            try:
+                fits[candidate] = searcher.adding_beside(fitted, candidate, fits[best], likely[candidate])
+            except (SimulationError, ValueError):
+                continue
     return fits
 
 

@@ -166,7 +166,7 @@ class Diagnosis:
                     "alike": s.candidate.alike,
                     "predicted_delta_chi2": s.gain if s.directions else None,
                     "p": s.p if s.directions else None,
-                    "parallel": list(s.parallel),
+                    "parallel": [other.label for other in s.parallel],
                     "delta_chi2": None if refit is None else refit.gain,
                     "log_evidence": None if refit is None else refit.log_evidence,
                     "gap": None if refit is None else refit.gap,

@@ -52,7 +52,7 @@ class Score:
     one_sided: bool
     surprise: float
     p: float
-    parallel: tuple[str, ...]
+    parallel: tuple[Candidate, ...]
     directions: tuple[np.ndarray, ...]
     likely: tuple[Values, ...]
 
@@ -156,16 +156,16 @@ def _seen(fitted: Fitted, S: np.ndarray) -> np.ndarray | None:
     return span(left[:, kept])
 
 
-def _parallel(candidate: Candidate, found: list[tuple]) -> tuple[str, ...]:
-    """Names of other candidates that hold nearly the same direction."""
+def _parallel(candidate: Candidate, found: list[tuple]) -> tuple[Candidate, ...]:
+    """Other candidates that hold nearly the same direction, of whatever sign."""
     own = next(entry[-1] for entry in found if entry[0] is candidate)
-    names = []
+    several = []
     for other, *_, directions in found:
         if other is not candidate:
             cosines = [np.linalg.norm(A.T @ B, 2) for A, B in itertools.product(own, directions)]
             if cosines and max(cosines) >= PARALLEL:
-                names.append(other.name)
-    return tuple(names)
+                several.append(other)
+    return tuple(several)
 
 
 def sensitivities(fitted: Fitted, searcher: Searcher, candidate: Candidate) -> list[Sensed]:
