@@ -165,17 +165,23 @@ def broad_jacobian(likelihood: Likelihood, point: np.ndarray, base: np.ndarray) 
     narrow = np.linalg.norm(jacobian(likelihood, point, base), axis=0)
     first = np.maximum(_APART / np.maximum(narrow, 1e-300), _steps(likelihood))
 
+    def between(i: int, step: float) -> tuple[np.ndarray, float]:
+        """(change of the residuals, of the coordinate) over a step to either side."""
+        below, above = point.copy(), point.copy()
+        below[i], above[i] = max(point[i] - step, low[i]), min(point[i] + step, high[i])
+        change = _safe_residuals(likelihood, above, len(base)) - _safe_residuals(likelihood, below, len(base))
+        return change, float(above[i] - below[i])
+
     def column(i: int) -> np.ndarray:
         step = float(first[i])
+        change, width = between(i, step)
         for _ in range(_WIDENINGS):
-            ends = [point.copy(), point.copy()]
-            ends[0][i], ends[1][i] = max(point[i] - step, low[i]), min(point[i] + step, high[i])
-            change = np.subtract(*(_safe_residuals(likelihood, end, len(base)) for end in ends[::-1]))
             apart = float(np.linalg.norm(change))
-            if _APART < apart < 4.0 * _APART or ends[1][i] - ends[0][i] < step:
+            if _APART < apart < 4.0 * _APART or width < step:
                 break
             step *= float(np.clip(2.0 * _APART / max(apart, 1e-300), 0.1, 10.0))
-        return change / (ends[1][i] - ends[0][i])
+            change, width = between(i, step)
+        return change / width
 
     return np.array(in_threads(column, list(range(len(point))), likelihood.workers)).T
 

@@ -54,9 +54,7 @@ def summary(rows: list[Row]) -> list[str]:
     singles = [row for row in rows if len(row["hidden"]) == 1 and row["hidden"] != ["?"]]
     pairs = [row for row in rows if len(row["hidden"]) == 2]
     unknown = [row for row in rows if row["hidden"] == ["?"]]
-    lines = [
-        ("nothing hidden: something found (≤ 5 %)", share(nulls, lambda r: r["verdict"] != "nothing_missing"))
-    ]
+    lines = [("nothing hidden: found something (≤ 5 %)", share(nulls, lambda r: r["verdict"] != "nothing_missing"))]
     for low, high, name in BINS:
         some = [row for row in singles if low <= strength(row) < high]
         lines.append((f"one effect, Δχ² {name}: it comes first (wanted ≥ 90 % from 50 on)", share(some, first)))
@@ -110,10 +108,10 @@ def text(rows: list[Row]) -> str:
     open_ = [row for row in rows if not row["held_out"]]
     head = (
         "# How often a diagnosis is right\n\n"
-        "Made by `python -m tests.study DIR` and `python -m tests.study_table DIR`: experiments of 45 s, written by the\n"
-        "soft-contact reference, each with one thing hidden, two, none, or a force that is in no catalogue. Δχ² is what\n"
-        "the best wrong model leaves over the right one. In brackets 95 % intervals. Odd rounds are held out: nothing\n"
-        "was chosen by looking at them.\n"
+        "Made by `python -m tests.study DIR` and `python -m tests.study_table DIR`: experiments of 45 s, written by\n"
+        "the soft-contact reference, each with one thing hidden, two, none, or a force that is in no catalogue.\n"
+        "Δχ² is what the best wrong model leaves over the right one. In brackets 95 % intervals.\n"
+        "Odd rounds are held out: nothing was chosen by looking at them.\n"
     )
     parts = [head]
     for name, some in (("Held out", held), ("Looked at while the procedure was made", open_)):

@@ -110,7 +110,8 @@ def _of_run(fitted: Fitted, index: int) -> list[Window]:
         state = np.concatenate([starts.theta[i], starts.theta_dot[i]])
 
         def seen(moved, i=i, times=times, low=low, row=row, bob=at.bob[rows]) -> np.ndarray:
-            start = InitialState(*np.split(moved, 2), starts.r[i], starts.r_dot[i])
+            theta, theta_dot = np.split(moved, 2)
+            start = InitialState(theta, theta_dot, starts.r[i], starts.r_dot[i])
             return likelihood.observed(cradle, start, times - low, values, index)[0][row, bob]
 
         try:
