@@ -59,10 +59,7 @@ def described(
         raise ValueError("both beta and kappa are given; beta sets kappa, so give one of them")
     if source is None and beta is None and "kappa" not in values:
         beta = STANDARD_BETA  # of the masses and lengths that are set here
-    cradle = cradle.replace(**values)
-    if beta is not None:
-        stated = {f.name: getattr(cradle, f.name) for f in dataclasses.fields(cradle) if f.name != "kappa"}
-        cradle = Cradle.from_groups(beta=beta, **stated)
+    cradle = cradle.replace(beta=beta, **values)
     if angle is not None or lifted is not None:
         release = Release(
             angle=release.lead(cradle)[1] if angle is None else angle,
