@@ -29,6 +29,37 @@ Seed = Annotated[int, typer.Option("--seed", min=0, help="Seed of all random num
 Workers = Annotated[int | None, typer.Option("--workers", min=1, help="Threads; all cores where omitted.")]
 _Unused = Annotated[int | None, typer.Option("--workers", hidden=True)]
 
+# A cradle, its release and how long it swings, for every command that simulates one.
+_Bobs = Annotated[int | None, typer.Option(help="Number of bobs. [default: 5]", show_default=False)]
+_Delta = Annotated[
+    str | None, typer.Option(metavar="NUMBER", help="δ = d/2R − 1, or one per gap as 0,0.001. [default: 0]")
+]
+_Angle = Annotated[float | None, typer.Option(help="rad. [default: 0.228]", show_default=False)]
+_Lifted = Annotated[int | None, typer.Option(help="Bobs lifted together. [default: 1]", show_default=False)]
+_Start = Annotated[str | None, typer.Option(help="unstretched | hanging: the lifted bobs' strings.")]
+_Model = Annotated[
+    str | None, typer.Option(help="ho | pendulum | nsp, or a model.toml. [default: nsp]", show_default=False)
+]
+_Beta = Annotated[float | None, typer.Option(help="β, which sets κ. [default: 0.114]", show_default=False)]
+_Kappa = Annotated[float | None, typer.Option(help="κ in N/m, instead of β.", show_default=False)]
+_KF = Annotated[float | None, typer.Option("--k-f", help="k_f in N s m^-3/2.", show_default=False)]
+_B = Annotated[float | None, typer.Option("--b", help="Linear drag in kg/s.", show_default=False)]
+_Effects = Annotated[
+    list[str] | None,
+    typer.Option(metavar="NAME.KEY=VALUE", help="An effect's parameter; =-NAME takes one out. Repeat at will."),
+]
+_Set = Annotated[
+    list[str] | None,
+    typer.Option("--set", metavar="FIELD=VALUE", help="Any field of Cradle, as length=0.25. Repeat at will."),
+]
+_From = Annotated[
+    Path | None,
+    typer.Option("--from", metavar="FILE", help="Take cradle and first release from an experiment.toml;"
+                 " the options above then change them."),
+]  # fmt: skip
+_Duration = Annotated[float, typer.Option(help="s")]
+_SampleRate = Annotated[float, typer.Option(help="1/s")]
+
 
 class _InterruptedError(Exception):
     """Ctrl-C; the message says what is kept and how to go on."""
@@ -77,33 +108,21 @@ def new(
 @app.command()
 def simulate(
     out: Out,
-    bobs: Annotated[int | None, typer.Option(help="Number of bobs. [default: 5]", show_default=False)] = None,
-    delta: Annotated[
-        str | None, typer.Option(metavar="NUMBER", help="δ = d/2R − 1, or one per gap as 0,0.001. [default: 0]")
-    ] = None,
-    release_angle: Annotated[float | None, typer.Option(help="rad. [default: 0.228]", show_default=False)] = None,
-    lifted: Annotated[int | None, typer.Option(help="Bobs lifted together. [default: 1]", show_default=False)] = None,
-    start: Annotated[str | None, typer.Option(help="unstretched | hanging: the lifted bobs' strings.")] = None,
-    model: Annotated[str | None, typer.Option(help="ho | pendulum | nsp. [default: nsp]", show_default=False)] = None,
-    beta: Annotated[float | None, typer.Option(help="β, which sets κ. [default: 0.114]", show_default=False)] = None,
-    kappa: Annotated[float | None, typer.Option(help="κ in N/m, instead of β.", show_default=False)] = None,
-    k_f: Annotated[float | None, typer.Option("--k-f", help="k_f in N s m^-3/2.", show_default=False)] = None,
-    b: Annotated[float | None, typer.Option("--b", help="Linear drag in kg/s.", show_default=False)] = None,
-    effect: Annotated[
-        list[str] | None,
-        typer.Option(metavar="NAME.KEY=VALUE", help="An effect's parameter; =-NAME takes one out. Repeat at will."),
-    ] = None,
-    set_: Annotated[
-        list[str] | None,
-        typer.Option("--set", metavar="FIELD=VALUE", help="Any field of Cradle, as length=0.25. Repeat at will."),
-    ] = None,
-    source: Annotated[
-        Path | None,
-        typer.Option("--from", metavar="FILE", help="Take cradle and first release from an experiment.toml;"
-                     " the options above then change them."),
-    ] = None,
-    duration: Annotated[float, typer.Option(help="s")] = 60.0,
-    sample_rate: Annotated[float, typer.Option(help="1/s")] = 240.0,
+    bobs: _Bobs = None,
+    delta: _Delta = None,
+    release_angle: _Angle = None,
+    lifted: _Lifted = None,
+    start: _Start = None,
+    model: _Model = None,
+    beta: _Beta = None,
+    kappa: _Kappa = None,
+    k_f: _KF = None,
+    b: _B = None,
+    effect: _Effects = None,
+    set_: _Set = None,
+    source: _From = None,
+    duration: _Duration = 60.0,
+    sample_rate: _SampleRate = 240.0,
     experiment: Annotated[
         bool,
         typer.Option("--experiment", help="Also write experiment.toml with run1.csv, for calibrate: what the model's"
@@ -177,6 +196,62 @@ def diagnose(
 
     with _kept(f"{out / 'fits.json'} holds the fits that were finished, and the same command goes on from there"):
         commands.diagnose(experiment, out, seed, workers)
+
+
+@app.command()
+def sweep(
+    out: Out,
+    over: Annotated[
+        list[str] | None,
+        typer.Option(metavar="NAME=VALUES", help="An axis: FIRST:LAST:COUNT, with :log evenly in the logarithm, or"
+                     " numbers as 2,3,5; =VALUES may begin with −. NAME: a field of Cradle, alpha, beta, gamma, delta,"
+                     " release_angle, lifted, or EFFECT.KEY. Repeat for a grid."),
+    ] = None,
+    quantity: Annotated[
+        list[str] | None,
+        typer.Option(help="lambda | synchronization_time | energy_share | impacts | sigma. Repeat at will."
+                     " [default: lambda]", show_default=False),
+    ] = None,
+    times: Annotated[
+        str | None, typer.Option(metavar="VALUES", help="s, of σ(t), like an axis. [default: every second]")
+    ] = None,
+    table: Annotated[str, typer.Option(metavar="NAME", help="In DIR; ends in .csv, .parquet or .nc.")] = "sweep.csv",
+    explore: Annotated[
+        bool, typer.Option("--explore", help="Also write explore.html, a page with a slider for each axis and the"
+                           " cradle in motion. Without --over, for β and δ.")
+    ] = False,
+    bobs: _Bobs = None,
+    delta: _Delta = None,
+    release_angle: _Angle = None,
+    lifted: _Lifted = None,
+    start: _Start = None,
+    model: _Model = None,
+    beta: _Beta = None,
+    kappa: _Kappa = None,
+    k_f: _KF = None,
+    b: _B = None,
+    effect: _Effects = None,
+    set_: _Set = None,
+    source: _From = None,
+    duration: _Duration = 60.0,
+    sample_rate: _SampleRate = 240.0,
+    seed: Annotated[int, typer.Option("--seed", hidden=True)] = 0,
+    workers: Workers = None,
+) -> None:  # fmt: skip
+    """Simulate a grid of cradles: a table of λ and more, sweep.png and sweep.json.
+
+    The same command goes on where it was interrupted.
+    """
+    from identification import commands
+    from identification.sweep import command
+
+    fields = {"bobs": bobs, "model": model, "beta": beta, "kappa": kappa, "k_f": k_f, "b": b}
+    cradle, release = commands.described(
+        source, fields, delta, effect or [], set_ or [], angle=release_angle, lifted=lifted, start=start
+    )
+    asked = command.Asked(tuple(over or ()), tuple(quantity or ("lambda",)), times, table, explore)
+    with _kept(f"{out / 'runs.npy'} holds the runs that were finished, and the same command goes on from there"):
+        command.run(cradle, release, asked, duration, sample_rate, out, seed, workers)
 
 
 @app.command()

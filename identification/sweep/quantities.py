@@ -79,7 +79,11 @@ _ALL = (
         "synchronization_time", "t_sync", "s", "from when on σ < 0.05 for a whole period", _synchronization_time
     ),
     Quantity(
-        "energy_share", "E_sync/E_0", "1", "energy of the swing at synchronization over that released", _energy_share,
+        "energy_share",
+        "share of energy left",
+        "1",
+        "energy of the swing at synchronization over that released",
+        _energy_share,
         ledger=True,
     ),
     Quantity("impacts", "impacts", "1", "number of impacts, pair by pair", _impacts),
