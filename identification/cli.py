@@ -30,17 +30,15 @@ Workers = Annotated[int | None, typer.Option("--workers", min=1, help="Threads; 
 _Unused = Annotated[int | None, typer.Option("--workers", hidden=True)]
 
 # A cradle, its release and how long it swings, for every command that simulates one.
-_Bobs = Annotated[int | None, typer.Option(help="Number of bobs. [default: 5]", show_default=False)]
+_Bobs = Annotated[int | None, typer.Option(help="Number of bobs.", show_default="5")]
 _Delta = Annotated[
-    str | None, typer.Option(metavar="NUMBER", help="δ = d/2R − 1, or one per gap as 0,0.001. [default: 0]")
+    str | None, typer.Option(metavar="NUMBER", help="δ = d/2R − 1, or one per gap as 0,0.001.", show_default="0")
 ]
-_Angle = Annotated[float | None, typer.Option(help="rad. [default: 0.228]", show_default=False)]
-_Lifted = Annotated[int | None, typer.Option(help="Bobs lifted together. [default: 1]", show_default=False)]
+_Angle = Annotated[float | None, typer.Option(help="rad.", show_default="0.228")]
+_Lifted = Annotated[int | None, typer.Option(help="Bobs lifted together.", show_default="1")]
 _Start = Annotated[str | None, typer.Option(help="unstretched | hanging: the lifted bobs' strings.")]
-_Model = Annotated[
-    str | None, typer.Option(help="ho | pendulum | nsp, or a model.toml. [default: nsp]", show_default=False)
-]
-_Beta = Annotated[float | None, typer.Option(help="β, which sets κ. [default: 0.114]", show_default=False)]
+_Model = Annotated[str | None, typer.Option(help="ho | pendulum | nsp, or a model.toml.", show_default="nsp")]
+_Beta = Annotated[float | None, typer.Option(help="β, which sets κ.", show_default="0.114")]
 _Kappa = Annotated[float | None, typer.Option(help="κ in N/m, instead of β.", show_default=False)]
 _KF = Annotated[float | None, typer.Option("--k-f", help="k_f in N s m^-3/2.", show_default=False)]
 _B = Annotated[float | None, typer.Option("--b", help="Linear drag in kg/s.", show_default=False)]
@@ -204,16 +202,17 @@ def sweep(
     over: Annotated[
         list[str] | None,
         typer.Option(metavar="NAME=VALUES", help="An axis: FIRST:LAST:COUNT, with :log evenly in the logarithm, or"
-                     " numbers as 2,3,5; =VALUES may begin with −. NAME: a field of Cradle, alpha, beta, gamma, delta,"
+                     " numbers as 2,3,5. NAME: a field of Cradle, alpha, beta, gamma, delta,"
                      " release_angle, lifted, or EFFECT.KEY. Repeat for a grid."),
     ] = None,
     quantity: Annotated[
         list[str] | None,
-        typer.Option(help="lambda | synchronization_time | energy_share | impacts | sigma. Repeat at will."
-                     " [default: lambda]", show_default=False),
+        typer.Option(help="lambda | synchronization_time | energy_share | overtaking_time |"
+                     " impacts | sigma. Repeat at will.",
+                     show_default="lambda"),
     ] = None,
     times: Annotated[
-        str | None, typer.Option(metavar="VALUES", help="s, of σ(t), like an axis. [default: every second]")
+        str | None, typer.Option(metavar="VALUES", help="s, of σ(t), like an axis.", show_default="every second")
     ] = None,
     table: Annotated[str, typer.Option(metavar="NAME", help="In DIR; ends in .csv, .parquet or .nc.")] = "sweep.csv",
     explore: Annotated[

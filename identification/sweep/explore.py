@@ -6,14 +6,13 @@ import base64
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from cradle_env.cradle import Cradle
 from cradle_env.synchronization import ENVELOPE_PERIODS, FLOOR
 from cradle_env.trajectory import Trajectory
-from identification.fit import Progress
 from identification.page import render
 from identification.style import BLUE, RED
 from identification.sweep.engine import sweep
@@ -22,8 +21,11 @@ from identification.sweep.quantities import Quantity
 from identification.sweep.store import Swept
 from identification.wording import markup, unit_markup
 
+if TYPE_CHECKING:
+    from identification.fit import Progress
+
 #: What the page goes over where nothing else is asked for: at five bobs and 60 s it has 8 MB.
-AXES: Mapping[str, np.ndarray] = {"beta": np.linspace(0.05, 0.4, 29), "delta": np.linspace(-0.02, 0.02, 11)}
+AXES: Mapping[str, np.ndarray] = {"beta": np.linspace(0.05, 0.33, 29), "delta": np.linspace(-0.02, 0.02, 11)}
 #: Pictures per second, and of these the share at which σ is kept.
 RATE, SIGMA_EVERY = 30, 6
 #: The largest page [bytes].
