@@ -91,8 +91,8 @@ def run(
         write(out / "sweep.png", png(sweep_figure(swept)))
         write_json(out / "sweep.json", content)
         if asked.explore:
-            page = explore.explore_html(grid, out=out / "explore", progress=progress, **settings)
-            write(out / "explore.html", page)
+            tell = lambda _, fraction, text: progress("page", fraction, text)  # noqa: E731
+            write(out / "explore.html", explore.explore_html(grid, out=out / "explore", progress=tell, **settings))
     rows = []
     for name, found in content["quantities"].items():
         if "least" in found:
