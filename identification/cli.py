@@ -15,6 +15,28 @@ from typing import Annotated, Any
 
 import typer
 
+from identification.options import (
+    KF,
+    Angle,
+    B,
+    Beta,
+    Bobs,
+    Delta,
+    Duration,
+    Effects,
+    Kappa,
+    Lifted,
+    Model,
+    NoWorkers,
+    Out,
+    SampleRate,
+    Seed,
+    Settings,
+    Source,
+    Start,
+    Workers,
+)
+
 _USAGE_ERROR: Any = typer.BadParameter.__mro__[1]  # click's, or typer's own copy of it
 _UNUSABLE = (ValueError, FileNotFoundError, FileExistsError, PermissionError, IsADirectoryError, NotADirectoryError)
 
@@ -23,40 +45,6 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     help="Newton's cradle: simulate it, calibrate it against a measurement, predict how fast it synchronizes.",
 )
-
-Out = Annotated[Path, typer.Option("--out", metavar="DIR", help="Folder for the results; made if need be.")]
-Seed = Annotated[int, typer.Option("--seed", min=0, help="Seed of all random numbers.")]
-Workers = Annotated[int | None, typer.Option("--workers", min=1, help="Threads; all cores where omitted.")]
-_Unused = Annotated[int | None, typer.Option("--workers", hidden=True)]
-
-# A cradle, its release and how long it swings, for every command that simulates one.
-_Bobs = Annotated[int | None, typer.Option(help="Number of bobs.", show_default="5")]
-_Delta = Annotated[
-    str | None, typer.Option(metavar="NUMBER", help="δ = d/2R − 1, or one per gap as 0,0.001.", show_default="0")
-]
-_Angle = Annotated[float | None, typer.Option(help="rad.", show_default="0.228")]
-_Lifted = Annotated[int | None, typer.Option(help="Bobs lifted together.", show_default="1")]
-_Start = Annotated[str | None, typer.Option(help="unstretched | hanging: the lifted bobs' strings.")]
-_Model = Annotated[str | None, typer.Option(help="ho | pendulum | nsp, or a model.toml.", show_default="nsp")]
-_Beta = Annotated[float | None, typer.Option(help="β, which sets κ.", show_default="0.114")]
-_Kappa = Annotated[float | None, typer.Option(help="κ in N/m, instead of β.", show_default=False)]
-_KF = Annotated[float | None, typer.Option("--k-f", help="k_f in N s m^-3/2.", show_default=False)]
-_B = Annotated[float | None, typer.Option("--b", help="Linear drag in kg/s.", show_default=False)]
-_Effects = Annotated[
-    list[str] | None,
-    typer.Option(metavar="NAME.KEY=VALUE", help="An effect's parameter; =-NAME takes one out. Repeat at will."),
-]
-_Set = Annotated[
-    list[str] | None,
-    typer.Option("--set", metavar="FIELD=VALUE", help="Any field of Cradle, as length=0.25. Repeat at will."),
-]
-_From = Annotated[
-    Path | None,
-    typer.Option("--from", metavar="FILE", help="Take cradle and first release from an experiment.toml;"
-                 " the options above then change them."),
-]  # fmt: skip
-_Duration = Annotated[float, typer.Option(help="s")]
-_SampleRate = Annotated[float, typer.Option(help="1/s")]
 
 
 class _InterruptedError(Exception):
@@ -94,7 +82,7 @@ def new(
     ] = None,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace a file that exists.")] = False,
     seed: Annotated[int, typer.Option("--seed", hidden=True)] = 0,
-    workers: _Unused = None,
+    workers: NoWorkers = None,
 ) -> None:
     """Write a first experiment.toml for a data file, with guesses from the data to check and correct."""
     from identification.scaffold import scaffold
@@ -106,21 +94,21 @@ def new(
 @app.command()
 def simulate(
     out: Out,
-    bobs: _Bobs = None,
-    delta: _Delta = None,
-    release_angle: _Angle = None,
-    lifted: _Lifted = None,
-    start: _Start = None,
-    model: _Model = None,
-    beta: _Beta = None,
-    kappa: _Kappa = None,
-    k_f: _KF = None,
-    b: _B = None,
-    effect: _Effects = None,
-    set_: _Set = None,
-    source: _From = None,
-    duration: _Duration = 60.0,
-    sample_rate: _SampleRate = 240.0,
+    bobs: Bobs = None,
+    delta: Delta = None,
+    release_angle: Angle = None,
+    lifted: Lifted = None,
+    start: Start = None,
+    model: Model = None,
+    beta: Beta = None,
+    kappa: Kappa = None,
+    k_f: KF = None,
+    b: B = None,
+    effect: Effects = None,
+    set_: Settings = None,
+    source: Source = None,
+    duration: Duration = 60.0,
+    sample_rate: SampleRate = 240.0,
     experiment: Annotated[
         bool,
         typer.Option("--experiment", help="Also write experiment.toml with run1.csv, for calibrate: what the model's"
@@ -128,7 +116,7 @@ def simulate(
     ] = False,
     noise: Annotated[float, typer.Option(help="rad, 1 sigma of a reading, with --experiment.")] = 1e-3,
     seed: Seed = 0,
-    workers: _Unused = None,
+    workers: NoWorkers = None,
 ) -> None:  # fmt: skip
     """Simulate one run: trajectory.csv, impacts.csv, summary.json and run.png."""
     from identification import commands
@@ -219,21 +207,21 @@ def sweep(
         bool, typer.Option("--explore", help="Also write explore.html, a page with a slider for each axis and the"
                            " cradle in motion. Without --over, for β and δ.")
     ] = False,
-    bobs: _Bobs = None,
-    delta: _Delta = None,
-    release_angle: _Angle = None,
-    lifted: _Lifted = None,
-    start: _Start = None,
-    model: _Model = None,
-    beta: _Beta = None,
-    kappa: _Kappa = None,
-    k_f: _KF = None,
-    b: _B = None,
-    effect: _Effects = None,
-    set_: _Set = None,
-    source: _From = None,
-    duration: _Duration = 60.0,
-    sample_rate: _SampleRate = 240.0,
+    bobs: Bobs = None,
+    delta: Delta = None,
+    release_angle: Angle = None,
+    lifted: Lifted = None,
+    start: Start = None,
+    model: Model = None,
+    beta: Beta = None,
+    kappa: Kappa = None,
+    k_f: KF = None,
+    b: B = None,
+    effect: Effects = None,
+    set_: Settings = None,
+    source: Source = None,
+    duration: Duration = 60.0,
+    sample_rate: SampleRate = 240.0,
     seed: Annotated[int, typer.Option("--seed", hidden=True)] = 0,
     workers: Workers = None,
 ) -> None:  # fmt: skip
@@ -258,7 +246,7 @@ def bench(
     out: Annotated[Path | None, typer.Option("--out", metavar="DIR", help="Folder for bench.json.")] = None,
     duration: Annotated[float, typer.Option(min=1.0, help="Simulated time of each race, s.")] = 20.0,
     seed: Annotated[int, typer.Option("--seed", hidden=True)] = 0,
-    workers: _Unused = None,
+    workers: NoWorkers = None,
 ) -> None:
     """Measure speed and accuracy against SciPy on this machine, on one core, as ratios."""
     from identification.bench import run
