@@ -110,6 +110,21 @@ def test_synchronization_is_when_sigma_stays_low_and_an_ideal_momentum_exchange_
     assert run.sigma()[lasting].max() < 0.05 <= run.sigma()[run.t < start][-1]
 
 
+@pytest.mark.parametrize(
+    ("quantities", "said"),
+    [
+        ((), "none"),
+        (("lambda", "lambda"), "each once"),
+        (("lamda",), "did you mean 'lambda'"),
+        ((Quantity("delta", "δ", "1", "", counted),), "a quantity is named 'delta'"),
+        ((Quantity("status", "s", "1", "", counted),), "a quantity is named 'status'"),
+    ],
+)
+def test_unusable_quantities_are_refused(quantities, said):
+    with pytest.raises(ValueError, match=said):
+        sweep(Grid({"delta": [0.0]}, PAIR, RELEASE), quantities)
+
+
 def test_bobs_that_change_places_are_told():
     """At β = 0.36 strings stretch by 0.08 m, two diameters, in the first swing: the released bob clears the other."""
     swept = sweep(Grid({"beta": [0.114, 0.36]}, PAIR, RELEASE), ("overtaking_time",), duration=3.0)

@@ -55,7 +55,8 @@ def sweep(
     if times is None:
         times = np.arange(math.floor(duration) + 1.0)
     times = np.array([check_range("times", t, "s", 0.0, duration) for t in times])
-    plan = Plan(grid, chosen(quantities), times, duration, sample_rate)
+    taken = (*grid.names, *(axis.name for axis in grid.axes))
+    plan = Plan(grid, chosen(quantities, taken), times, duration, sample_rate)
     if out is not None:
         return _swept(plan, Path(out), workers, executor, progress)
     with TemporaryDirectory() as folder:
