@@ -16,6 +16,9 @@ from identification.sweep import Grid, Quantity, sweep
 from identification.sweep import engine as sweep_engine
 
 PAIR, RELEASE = Cradle(bobs=2), Release(angle=0.228)
+#: Of λ between processes [1/s]. Kernels compiled anew and those from the cache round differently, which a narrow
+#: resonance magnifies to 1e-8 within 10 s; neighbouring points of the grids here differ by 2e-6 and more.
+ROUNDING = 1e-6
 
 
 def counted(run) -> float:
@@ -158,7 +161,7 @@ def test_any_executor_gives_the_same(executor):
     pool = ThreadPoolExecutor(1) if executor == "threads" else ProcessPoolExecutor(1, get_context("spawn"))
     with pool:
         swept = sweep(grid, quantities, duration=5.0, executor=pool)
-    np.testing.assert_array_equal(swept["lambda"], sweep(grid, duration=5.0)["lambda"])
+    np.testing.assert_allclose(swept["lambda"], sweep(grid, duration=5.0)["lambda"], rtol=0.0, atol=ROUNDING)
     np.testing.assert_array_equal(swept["count"], [2, 3, 4])
 
 
@@ -177,7 +180,7 @@ import sys
 import numpy as np
 from cradle_env import Cradle, Release
 from identification.sweep import Grid, sweep
-grid = Grid({"beta": np.linspace(0.05, 0.4, 400)}, Cradle(bobs=2), Release(angle=0.228))
+grid = Grid({"beta": np.linspace(0.05, 0.33, 400)}, Cradle(bobs=2), Release(angle=0.228))
 sweep(grid, duration=10.0, out=sys.argv[1], workers=1)
 """
 
@@ -195,11 +198,11 @@ def test_what_a_kill_leaves_is_kept_and_the_rest_is_run(by, tmp_path, monkeypatc
     assert 20 < len(kept) < 400
     ran = []
     monkeypatch.setattr(sweep_engine, "simulate", lambda *run, **more: ran.append(run) or simulate(*run, **more))
-    grid = Grid({"beta": np.linspace(0.05, 0.4, 400)}, PAIR, RELEASE)
+    grid = Grid({"beta": np.linspace(0.05, 0.33, 400)}, PAIR, RELEASE)
     swept = sweep(grid, duration=10.0, out=tmp_path)
     assert len(ran) == 400 - len(kept)
     assert set(kept["lambda"]) <= set(swept["lambda"])
-    np.testing.assert_array_equal(swept["lambda"], sweep(grid, duration=10.0)["lambda"])
+    np.testing.assert_allclose(swept["lambda"], sweep(grid, duration=10.0)["lambda"], rtol=0.0, atol=ROUNDING)
 
 
 def test_another_sweep_is_not_mixed_into_a_folder(tmp_path):
