@@ -39,7 +39,7 @@ def sweep(
     executor: Any = None,
     progress: Progress | None = None,
 ) -> Swept:
-    """Runs every point of a grid and takes down some quantities of each: in one process bit for bit those of `simulate`.
+    """Runs every point of a grid and takes down some quantities of each, in one process bit for bit as `simulate`.
 
     quantities: names of `QUANTITIES`, or any `Quantity`; duration [s] and sample_rate [1/s] of each run; times (T,) [s]
     at which series such as σ(t) are kept, every second where omitted; out: folder from which the same call goes on
