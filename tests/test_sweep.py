@@ -140,7 +140,7 @@ def test_bobs_that_change_places_are_told():
 
 
 def test_a_sweep_costs_little_more_than_its_runs():
-    """Measured 1.0 to 1.1; an energy ledger that nobody reads would make it 1.5 and more."""
+    """Measured 1.0 to 1.1 on an idle machine, 1.3 on a crowded one; a second run of each point would make it 2."""
     grid = Grid({"beta": np.linspace(0.05, 0.33, 24)}, PAIR, RELEASE)
     cradles = [grid.point(i)[0] for i in range(24)]
 
@@ -149,9 +149,22 @@ def test_a_sweep_costs_little_more_than_its_runs():
         work()
         return time.process_time() - began
 
-    ours = min(seconds(lambda: sweep(grid)) for _ in range(5))
-    bare = min(seconds(lambda: simulate_batch(cradles, RELEASE)) for _ in range(5))
-    assert ours < 1.25 * bare, (ours, bare)
+    pairs = [(seconds(lambda: sweep(grid)), seconds(lambda: simulate_batch(cradles, RELEASE))) for _ in range(6)]
+    ours, bare = np.min(pairs, axis=0)
+    assert ours < 1.5 * bare, pairs
+
+
+@pytest.mark.parametrize(("quantity", "kept"), [("lambda", False), ("energy_share", True)])
+def test_the_ledger_is_kept_only_for_who_reads_it(quantity, kept, monkeypatch):
+    asked = []
+
+    def told(*run, ledger):
+        asked.append(ledger)
+        return simulate(*run, ledger=ledger)
+
+    monkeypatch.setattr(sweep_engine, "simulate", told)
+    sweep(Grid({"delta": [0.0, 0.01]}, PAIR, RELEASE), (quantity,), duration=3.0)
+    assert asked == [kept, kept]
 
 
 @pytest.mark.parametrize("executor", ["threads", "processes"])
