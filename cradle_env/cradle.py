@@ -123,15 +123,17 @@ class Cradle:
             raise ValueError("alpha and n belong together: give both (e = 1 − α vⁿ) or neither (k_f)")
         if alpha is not None and n is not None:
             fields["power_law"] = (alpha, n)
-        cradle = cls(**fields)
-        return dataclasses.replace(cradle, kappa=cradle._kappa_for(check_range("beta", beta, "", 0.0, above=True)))
+        return cls(**fields).replace(beta=beta)
 
     def __reduce__(self):
         return rebuilt, (type(self), _plain(self))
 
-    def replace(self, **fields) -> Cradle:
-        """A copy with some fields changed."""
-        return dataclasses.replace(self, **fields)
+    def replace(self, *, beta: float | None = None, **fields) -> Cradle:
+        """A copy with some fields changed; β, where given, sets κ of the masses and lengths that it then has."""
+        cradle = dataclasses.replace(self, **fields)
+        if beta is None:
+            return cradle
+        return dataclasses.replace(cradle, kappa=cradle._kappa_for(check_range("beta", beta, "", 0.0, above=True)))
 
     def _kappa_for(self, beta: float) -> float:
         stiffness = self.mass * self.gravity / (self.length * beta**2)

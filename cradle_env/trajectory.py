@@ -79,6 +79,11 @@ class Trajectory:
         z = -self.r * np.cos(self.theta) if self.cradle.has("large_angle") else np.zeros_like(self.r)
         return np.hypot(np.diff(self.x(), axis=1), np.diff(z, axis=1)) - 2.0 * self.cradle.radius
 
+    def swing_energy(self) -> np.ndarray:
+        """Kinetic energy, and potential over that of bobs that hang at the same r [J], shape (T,); see `energy`."""
+        energy = self.energy()
+        return energy.kinetic + energy.gravity + self.cradle.mass * self.cradle.gravity * self.r.sum(axis=1)
+
     def energy(self) -> Energy:
         """The energy ledger; ValueError if the run did not keep it."""
         if self.ledger is None:

@@ -211,7 +211,7 @@ def _show_energy(axes: Axes, run: Trajectory) -> None:
     hanging = -run.cradle.mass * run.cradle.gravity * run.r.sum(axis=1)
     strings = energy.strings + hanging
     parts = {
-        "swing": energy.kinetic + energy.gravity - hanging,
+        "swing": run.swing_energy(),
         "strings: held, lost": strings - strings.min(),
         "impacts": energy.impacts,
         "drag": energy.drag,

@@ -1,0 +1,141 @@
+"""The runs of a sweep, on threads or any executor, a few at a time."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from queue import SimpleQueue
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from cradle_env.cradle import Cradle, Release
+from cradle_env.errors import check_range
+from cradle_env.simulation import SimulationError, cores, simulate
+from identification.sweep.grid import Grid, built
+from identification.sweep.quantities import Quantity, chosen
+from identification.sweep.store import DONE, Plan, Store, Swept, row_type
+
+if TYPE_CHECKING:
+    from identification.fit import Progress
+
+#: Runs of one task, and tasks in flight: enough for the overhead to vanish, and for a large cluster to be busy.
+_TASK, _IN_FLIGHT = 8, 256
+
+
+def sweep(
+    grid: Grid,
+    quantities: Sequence[str | Quantity] = ("lambda",),
+    *,
+    duration: float = 60.0,
+    sample_rate: float = 240.0,
+    times: Sequence[float] | np.ndarray | None = None,
+    out: str | Path | None = None,
+    workers: int | None = None,
+    executor: Any = None,
+    progress: Progress | None = None,
+) -> Swept:
+    """Runs every point of a grid and takes down some quantities of each, in one process bit for bit as `simulate`.
+
+    quantities: names of `QUANTITIES`, or any `Quantity`; duration [s] and sample_rate [1/s] of each run; times (T,) [s]
+    at which series such as σ(t) are kept, every second where omitted; out: folder from which the same call goes on
+    after an interruption, in memory only where omitted; workers: threads, all cores where omitted; executor: runs
+    the tasks instead of threads, anything with `submit` whose futures have `result`, `cancel` and
+    `add_done_callback`, such as those of concurrent.futures and Client of dask.distributed.
+
+    A point that cannot be simulated is nan and counted by its reason. Raises ValueError for unusable input, and where
+    no point at all can be simulated.
+    """
+    check_range("duration", duration, "s", 0.0, above=True)
+    check_range("sample_rate", sample_rate, "1/s", 0.0, above=True)
+    if times is None:
+        times = np.arange(math.floor(duration) + 1.0)
+    times = np.array([check_range("times", t, "s", 0.0, duration) for t in times])
+    taken = (*grid.names, *(axis.name for axis in grid.axes))
+    plan = Plan(grid, chosen(quantities, taken), times, duration, sample_rate)
+    if out is not None:
+        return _swept(plan, Path(out), workers, executor, progress)
+    with TemporaryDirectory() as folder:
+        swept = _swept(plan, Path(folder), workers, executor, progress)
+        return Swept(plan, np.array(swept.rows), swept.reasons)
+
+
+def _swept(plan: Plan, folder: Path, workers: int | None, executor: Any, progress: Progress | None) -> Swept:
+    store = Store(folder, plan)
+    if executor is not None:
+        _run(plan, store, executor, progress)
+    else:
+        with ThreadPoolExecutor(workers or cores()) as threads:
+            _run(plan, store, threads, progress)
+    swept = Swept(plan, store.open(), store.reasons)
+    failures = swept.failures()
+    if sum(failures.values()) == len(plan.grid):
+        raise ValueError(f"none of the {len(plan.grid)} points can be simulated: {next(iter(failures))}")
+    return swept
+
+
+def _run(plan: Plan, store: Store, executor: Any, progress: Progress | None) -> None:
+    """Keeps a few tasks in flight, and writes down what comes back in whatever order."""
+    tell = progress or (lambda *_: None)
+    grid, finished, waiting = plan.grid, SimpleQueue(), {}
+    before = store.done()
+    new, began = 0, time.monotonic()
+
+    def collect() -> None:
+        nonlocal new
+        future = finished.get()
+        indices = waiting.pop(future)
+        store.write(indices, *future.result())
+        new += len(indices)
+        done, rate = before + new, new / (time.monotonic() - began)
+        tell("sweep", done / store.count, f"{done} of {store.count} runs, {rate:.1f}/s")
+
+    # Few runs are spread too, however many work on them.
+    size = min(_TASK, math.ceil(store.count / 64))
+    try:
+        for indices in store.pending(size):
+            if len(waiting) >= _IN_FLIGHT:
+                collect()
+            future = executor.submit(
+                evaluate, grid.cradle, grid.release, grid.names, grid.values(indices), plan.quantities, plan.times,
+                plan.duration, plan.sample_rate,
+            )  # fmt: skip
+            waiting[future] = indices
+            future.add_done_callback(finished.put)
+        while waiting:
+            collect()
+    finally:
+        for future in waiting:
+            future.cancel()
+
+
+def evaluate(
+    cradle: Cradle,
+    release: Release,
+    names: Sequence[str],
+    values: np.ndarray,
+    quantities: Sequence[Quantity],
+    times: np.ndarray,
+    duration: float,
+    sample_rate: float,
+) -> tuple[np.ndarray, Mapping[int, str]]:
+    """Rows (n,) of the runs at parameters (n, K), and why some of them, by their number, are impossible."""
+    rows, problems = np.zeros(len(values), row_type(quantities, times)), {}
+    ledger = any(q.ledger for q in quantities)
+    for k, point in enumerate(values.tolist()):
+        try:
+            made = built(cradle, release, dict(zip(names, point, strict=True)))
+            run = simulate(*made, duration, sample_rate, ledger=ledger)
+            for q in quantities:
+                found = q.measure(run)
+                rows[q.name][k] = np.interp(times, run.t, found) if q.series else found
+            rows["status"][k] = DONE
+        except (ValueError, SimulationError) as problem:
+            problems[k] = str(problem)
+            for q in quantities:
+                rows[q.name][k] = np.nan
+    return rows, problems

@@ -1,0 +1,190 @@
+"""What a sweep goes over: named axes over a cradle and its release, and the run that belongs to each index."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from cradle_env.cradle import Cradle, Release
+from cradle_env.effects import effect
+from cradle_env.errors import unknown_key
+from identification.unknowns import FIELDS
+
+#: Unit and symbol of what can be swept beside the numbers of Cradle and "effect.key".
+_OTHERS = {
+    "bobs": ("1", "N"),
+    "beta": ("1", "β"),
+    "alpha": ("1", "α"),
+    "n": ("1", "n"),
+    "gamma": ("1", "γ"),
+    "release_angle": ("rad", "θ_0"),
+    "lifted": ("1", "lifted bobs"),
+}
+#: Both of a pair set the same thing.
+_EXCLUSIVE = (("beta", "kappa"), ("alpha", "k_f"), ("gamma", "release_angle"))
+#: name, or name[i] for that of bob or gap i.
+_ELEMENT = re.compile(r"(?P<whole>[^\[]+)(\[(?P<index>\d+)\])?")
+
+
+@dataclass(frozen=True)
+class Axis:
+    """One dimension of a grid: equally long columns (n,) of parameters that change together, by their names."""
+
+    name: str
+    columns: Mapping[str, np.ndarray]
+
+    def __len__(self) -> int:
+        return len(next(iter(self.columns.values())))
+
+    @property
+    def values(self) -> np.ndarray:
+        """The coordinate along the axis, (n,): its parameter, or 0, 1, … where several change together."""
+        return self.columns.get(self.name, np.arange(float(len(self))))
+
+    @property
+    def described(self) -> tuple[str, str]:
+        """(unit, symbol) of the coordinate."""
+        return describe(self.name) if self.name in self.columns else ("1", self.name)
+
+
+class Grid:
+    """All combinations of the values of some axes, over a cradle and a release that say the rest.
+
+    axes: {name: values (n,)}, the last changing fastest. A name is a number of Cradle ("kappa", "length", "delta",
+    "bobs"), one of the paper's groups ("beta" sets κ; "alpha" and "n" make the contact e = 1 − α vⁿ; "gamma" sets the
+    release angle), "release_angle" [rad], "lifted" (how many bobs), or "effect.key"; "delta[2]" is δ of the second gap
+    alone, and likewise "effect.key[2]". κ stays as it is where masses or lengths change, unless "beta" is swept.
+    {name: {parameter: values, …}} makes an axis along which several parameters change together, such as draws of a
+    posterior.
+
+    Raises ValueError for an unknown name, or values that are not numbers. Whether a point can be simulated is found
+    out when it is run.
+    """
+
+    def __init__(
+        self, axes: Mapping[str, Sequence[float] | np.ndarray | Mapping[str, Any]], cradle: Cradle, release: Release
+    ) -> None:
+        self.cradle, self.release = cradle, release
+        self.axes = tuple(_axis(name, given) for name, given in axes.items())
+        self.names = tuple(name for axis in self.axes for name in axis.columns)
+        if not self.axes:
+            raise ValueError("no axis to sweep over; give one or more, as beta=0.05:0.4:100")
+        for name in self.names:
+            describe(name)
+            if self.names.count(name) > 1:
+                raise ValueError(f"{name} is on two axes; leave one out")
+        for one, other in _EXCLUSIVE:
+            if one in self.names and other in self.names:
+                raise ValueError(f"{one} and {other} are both swept; {one} sets {other}, so sweep one of them")
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """How many values each axis has."""
+        return tuple(len(axis) for axis in self.axes)
+
+    def __len__(self) -> int:
+        return math.prod(self.shape)
+
+    def values(self, indices: np.ndarray) -> np.ndarray:
+        """Values of the parameters `names`, (n, K), at flat indices (n,) in C order."""
+        at = np.unravel_index(indices, self.shape)
+        return np.column_stack(
+            [column[i] for axis, i in zip(self.axes, at, strict=True) for column in axis.columns.values()]
+        )
+
+    def point(self, index: int) -> tuple[Cradle, Release]:
+        """Cradle and release at a flat index; ValueError where there can be none."""
+        return built(self.cradle, self.release, dict(zip(self.names, self.values(np.array([index]))[0], strict=True)))
+
+
+def _axis(name: str, given: Any) -> Axis:
+    together = given if isinstance(given, Mapping) else {name: given}
+    columns = {key: _checked(key, values) for key, values in together.items()}
+    if len({len(column) for column in columns.values()}) != 1:
+        lengths = ", ".join(f"{len(column)} of {key}" for key, column in columns.items())
+        raise ValueError(f"axis {name} must hold equally many values of each parameter; it has {lengths or 'none'}")
+    return Axis(name, columns)
+
+
+def _checked(name: str, values: Any) -> np.ndarray:
+    try:
+        column = np.array(values, dtype=float)
+    except (TypeError, ValueError):
+        raise ValueError(f"the values of {name} are {values!r}; give a list of numbers") from None
+    if column.ndim != 1 or len(column) == 0 or not np.all(np.isfinite(column)):
+        raise ValueError(f"the values of {name} must be a list of finite numbers, not empty")
+    return column
+
+
+def describe(name: str) -> tuple[str, str]:
+    """(unit, symbol) of a parameter that can be swept; ValueError, with the nearest, if it cannot be."""
+    match = _ELEMENT.fullmatch(name)
+    whole, index = (match["whole"], match["index"]) if match else (name, None)
+    of, dot, key = whole.partition(".")
+    parameter = next((p for p in effect(of).parameters if p.key == key), None) if dot else None
+    if dot and parameter is None:
+        raise ValueError(unknown_key(f"parameter of {of}", key, (p.key for p in effect(of).parameters)))
+    if not dot and whole not in FIELDS and whole not in _OTHERS:
+        raise ValueError(unknown_key("axis", name, (*FIELDS, *_OTHERS)) + '; or "effect.key"')
+    if index is None:
+        return (parameter.unit, parameter.symbol) if parameter else (FIELDS | _OTHERS)[whole]
+    if whole != "delta" and not (parameter and parameter.each):
+        raise ValueError(f"{name}: {whole} is one number; leave [{index}] out")
+    unit, symbol = describe(whole)
+    return unit, f"{symbol}[{index}]"
+
+
+def built(cradle: Cradle, release: Release, values: Mapping[str, float]) -> tuple[Cradle, Release]:
+    """The cradle and the release with some parameters set to other values; ValueError where there can be none."""
+    fields: dict[str, Any] = {}
+    effects = {name: dict(keys) for name, keys in cradle.effects.items()}
+    bobs = int(values.get("bobs", cradle.bobs))
+    for name, value in values.items():
+        whole, _, element = name.partition("[")
+        of, dot, key = whole.partition(".")
+        if dot:
+            here, several = effects.setdefault(of, {}), effects[of].get(key, effect(of).absent_values()[key])
+            here[key] = _with_element(several, element, value, _count(of, key, bobs), name)
+        elif whole == "delta":
+            fields["delta"] = _with_element(fields.get("delta", cradle.delta), element, value, bobs - 1, name)
+        elif name not in _OTHERS or name == "bobs":
+            fields[name] = value
+    if "alpha" in values or "n" in values:
+        fields["power_law"] = (values.get("alpha", cradle.alpha), values.get("n", cradle.n))
+    made = cradle.replace(beta=values.get("beta"), effects=effects, **fields)
+    return made, _let_go(release, cradle, values)
+
+
+def _count(of: str, key: str, bobs: int) -> int:
+    return next(p for p in effect(of).parameters if p.key == key).count(bobs)
+
+
+def _with_element(several: Any, element: str, value: float, count: int, name: str) -> Any:
+    """The value, or, where it is that of one bob or gap, all of them with this one changed."""
+    if not element:
+        return value
+    index = int(element.rstrip("]"))
+    if not 1 <= index <= count:
+        raise ValueError(f"{name} does not exist; this cradle has {count} of them")
+    changed = list(several) if isinstance(several, Sequence) else [several] * count
+    changed[index - 1] = value
+    return tuple(changed)
+
+
+def _let_go(release: Release, cradle: Cradle, values: Mapping[str, float]) -> Release:
+    if not values.keys() & {"release_angle", "gamma", "lifted"}:
+        return release
+    angle = values.get("release_angle")
+    if "gamma" in values:
+        if values["gamma"] < 0.0:
+            raise ValueError(f"gamma is {values['gamma']:g}; it must be at least 0")
+        angle = math.sqrt(6.0 * values["gamma"])
+    if angle is None:
+        angle = release.lead(cradle)[1]
+    lifted: Any = values.get("lifted", release.bobs)
+    return Release(angle=angle, bobs=lifted, start=release.start)

@@ -1,0 +1,116 @@
+"""What a sweep takes down of each run: λ, and more."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from cradle_env.errors import unknown_key
+from cradle_env.trajectory import Trajectory
+
+#: Bobs count as synchronized from where on σ stays below this for a whole period.
+SYNCHRONIZED_AT = 0.05
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """What is measured of a run: measure(run) gives a number, or with `series` one for each of run.t, (T,).
+
+    ledger: measure needs the energy ledger, with which a run takes about twice as long. `measure` must be a function
+    of a module where it has to travel to other processes.
+    """
+
+    name: str
+    symbol: str
+    unit: str
+    meaning: str
+    measure: Callable[[Trajectory], Any]
+    series: bool = False
+    ledger: bool = False
+
+
+def _newton_exponent(run: Trajectory) -> float:
+    _require_sigma(run)
+    return run.newton_exponent()
+
+
+def _sigma(run: Trajectory) -> np.ndarray:
+    _require_sigma(run)
+    return run.sigma()
+
+
+def _require_sigma(run: Trajectory) -> None:
+    if run.cradle.bobs == 1:
+        raise ValueError("one bob has nothing to synchronize with; take 2 bobs or more")
+    if run.lead()[1] == 0.0:
+        raise ValueError("release angle is 0 rad; σ is relative to it, so lift a bob")
+
+
+def _synchronized(run: Trajectory) -> int | None:
+    """Index of the first sample from which on σ < 0.05 for a whole period; None if there is none."""
+    whole = math.ceil(run.cradle.period / (run.t[1] - run.t[0]))
+    below = np.concatenate([[0], np.cumsum(_sigma(run) < SYNCHRONIZED_AT)])
+    lasting = np.flatnonzero(below[whole:] - below[:-whole] == whole)
+    return int(lasting[0]) if len(lasting) else None
+
+
+def _synchronization_time(run: Trajectory) -> float:
+    index = _synchronized(run)
+    return math.nan if index is None else float(run.t[index])
+
+
+def _energy_share(run: Trajectory) -> float:
+    index, energy = _synchronized(run), run.swing_energy()
+    return math.nan if index is None else float(energy[index] / energy[0])
+
+
+def _impacts(run: Trajectory) -> float:
+    return float(len(run.impacts))
+
+
+def _overtaking_time(run: Trajectory) -> float:
+    passed = np.flatnonzero((np.diff(run.x(), axis=1) < 0.0).any(axis=1))
+    return float(run.t[passed[0]]) if len(passed) else math.nan
+
+
+_ALL = (
+    Quantity("lambda", "λ", "1/s", "Newton exponent: σ falls about as exp(−λt)", _newton_exponent),
+    Quantity("sigma", "σ", "1", "distance from synchronization over time", _sigma, series=True),
+    Quantity(
+        "synchronization_time", "t_sync", "s", "from when on σ < 0.05 for a whole period", _synchronization_time
+    ),
+    Quantity(
+        "energy_share",
+        "share of energy left",
+        "1",
+        "energy of the swing at synchronization over that released",
+        _energy_share,
+        ledger=True,
+    ),
+    Quantity("overtaking_time", "t_over", "s", "when first a bob is beyond its neighbour, over which it has jumped: σ"
+             " means little from then on", _overtaking_time),
+    Quantity("impacts", "impacts", "1", "number of impacts, pair by pair", _impacts),
+)  # fmt: skip
+#: What can be asked for by name.
+QUANTITIES = {quantity.name: quantity for quantity in _ALL}
+
+
+def chosen(quantities: Sequence[str | Quantity], taken: Sequence[str]) -> tuple[Quantity, ...]:
+    """The quantities, those of `QUANTITIES` by name; ValueError for an unknown name, none, one twice, or one that is
+    `taken` by something else in a table."""
+    found = []
+    for asked in quantities:
+        if isinstance(asked, str) and asked not in QUANTITIES:
+            raise ValueError(unknown_key("quantity", asked, QUANTITIES))
+        found.append(QUANTITIES[asked] if isinstance(asked, str) else asked)
+    names = [quantity.name for quantity in found]
+    if not names or len(set(names)) < len(names):
+        raise ValueError(f"the quantities are {', '.join(names) or 'none'}; name one or more, each once")
+    for name in (*taken, "status", "problem", "time"):
+        if name in names:
+            raise ValueError(f"a quantity is named {name!r}, which is something else in a table; rename it")
+    return tuple(found)

@@ -1,0 +1,167 @@
+"""The runs of a sweep on disk: rows of fixed size, written as they come, so that a kill loses none that are done."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import re
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cradle_env import __version__
+from identification.files import json_text, write_together
+from identification.sweep.grid import Grid
+from identification.sweep.quantities import Quantity
+
+FORMAT = "cradle-sweep/1"
+#: What `status` of a row means; from IMPOSSIBLE on, the k-th of the reasons.
+PENDING, DONE, IMPOSSIBLE = 0, 1, 2
+#: Rows read at a time.
+BLOCK = 8192
+_NUMBER = re.compile(r"-?\b\d[\d.]*(e[+-]?\d+)?")
+
+
+def row_type(quantities: Sequence[Quantity], times: np.ndarray) -> np.dtype:
+    """One run: its quantities, and last, so that no half-written row counts as done, its status."""
+    values = [(q.name, "f8", (len(times),) if q.series else ()) for q in quantities]
+    return np.dtype([*values, ("status", "u1")])
+
+
+@dataclass(frozen=True)
+class Plan:
+    """A whole sweep: what is run, what is taken down of it, and at which `times` (T,) [s] of series."""
+
+    grid: Grid
+    quantities: tuple[Quantity, ...]
+    times: np.ndarray
+    duration: float
+    sample_rate: float
+
+    def digest(self) -> str:
+        """SHA-256 of all that decides the results."""
+        measures = [(q.name, _name(q.measure)) for q in self.quantities]
+        told = [FORMAT, __version__, self.grid.cradle, self.grid.release, measures, self.duration, self.sample_rate]
+        sums = hashlib.sha256(repr(told).encode())
+        for axis in self.grid.axes:
+            for name, column in axis.columns.items():
+                sums.update(f"{axis.name}/{name}/{len(column)}".encode() + column.tobytes())
+        sums.update(self.times.tobytes())
+        return sums.hexdigest()
+
+
+def _name(measure: Any) -> str:
+    """A function by its name, any other callable as it shows itself: the same in every process."""
+    return f"{measure.__module__}.{getattr(measure, '__qualname__', repr(measure))}"
+
+
+class Store:
+    """The rows of a sweep in a folder: `runs.npy`, one per point of the grid, and `plan.json`."""
+
+    def __init__(self, folder: Path, plan: Plan) -> None:
+        self.rows, self._plan = folder / "runs.npy", folder / "plan.json"
+        self.dtype, self.count = row_type(plan.quantities, plan.times), len(plan.grid)
+        self._digest = plan.digest()
+        #: The first point of each kind of impossible ones, and what is wrong with it.
+        self.reasons: list[tuple[int, str]] = []
+        folder.mkdir(parents=True, exist_ok=True)
+        if self._plan.exists():
+            self._resume()
+        else:
+            self._begin()
+
+    def _begin(self) -> None:
+        temporary = self.rows.with_name(".runs.npy.part")
+        # The file is sparse: a million rows to come take no place yet.
+        np.lib.format.open_memmap(temporary, mode="w+", dtype=self.dtype, shape=(self.count,))
+        os.replace(temporary, self.rows)
+        self._write_plan()
+
+    def _resume(self) -> None:
+        try:
+            found = json.loads(self._plan.read_text(encoding="utf-8"))
+            same = found["inputs"] == self._digest
+            self.reasons = [(int(at), str(reason)) for at, reason in found["reasons"]]
+        except (ValueError, KeyError, TypeError):
+            raise ValueError(f"{self._plan} is damaged; name another --out, or remove it to start over") from None
+        if not same:
+            raise ValueError(f"{self._plan} is that of another sweep, or of another version; name another --out")
+
+    def _write_plan(self) -> None:
+        content = {"format": FORMAT, "version": __version__, "inputs": self._digest, "reasons": self.reasons}
+        write_together(self._plan.parent, {self._plan.name: json_text(content)})
+
+    def open(self, mode: Any = "r") -> np.ndarray:
+        """The rows, (count,), mapped from the disk; those touched stay in memory only as long as this is held."""
+        return np.load(self.rows, mmap_mode=mode)
+
+    def pending(self, size: int) -> Iterator[np.ndarray]:
+        """Flat indices of the points that are still to run, at most `size` at a time."""
+        for start in range(0, self.count, BLOCK):
+            todo = start + np.flatnonzero(self.open()[start : start + BLOCK]["status"] == PENDING)
+            yield from (todo[k : k + size] for k in range(0, len(todo), size))
+
+    def done(self) -> int:
+        """How many points have been run, or found impossible."""
+        starts = range(0, self.count, BLOCK)
+        return sum(int(np.count_nonzero(self.open()[start : start + BLOCK]["status"])) for start in starts)
+
+    def write(self, indices: np.ndarray, rows: np.ndarray, problems: Mapping[int, str]) -> None:
+        """Takes down the rows (n,) of the points (n,), and why some, by their place among them, are impossible."""
+        for k, problem in problems.items():
+            rows["status"][k] = IMPOSSIBLE + self._reason(int(indices[k]), problem)
+        stored = self.open("r+")
+        for name in self.dtype.names or ():  # the status last
+            stored[name][indices] = rows[name]
+
+    def _reason(self, index: int, problem: str) -> int:
+        """The number of a kind of reason, whatever the values that it names; the first point is kept as its example."""
+        kinds = [_kind(reason) for _, reason in self.reasons]
+        if _kind(problem) not in kinds:
+            self.reasons.append((index, problem))
+            self._write_plan()
+            return len(kinds)
+        number = kinds.index(_kind(problem))
+        if index < self.reasons[number][0]:
+            self.reasons[number] = (index, problem)
+            self._write_plan()
+        return number
+
+
+def _kind(problem: str) -> str:
+    return _NUMBER.sub("…", problem)
+
+
+class Swept:
+    """A finished sweep. swept[name]: a quantity in the shape of the grid, for a series (…, T); nan where impossible."""
+
+    def __init__(self, plan: Plan, rows: np.ndarray, reasons: Sequence[tuple[int, str]]) -> None:
+        self.plan, self.rows, self.reasons = plan, rows, tuple(reasons)
+
+    def __getitem__(self, name: str) -> np.ndarray:
+        column = self.rows[name]
+        return np.array(column).reshape(self.plan.grid.shape + column.shape[1:])
+
+    def problems(self, start: int, stop: int) -> list[str]:
+        """What is wrong with each of the points from one flat index to another, numbers left out; "" if nothing is."""
+        kinds = ["", "", *(_kind(reason) for _, reason in self.reasons)]
+        return [kinds[status] for status in self.rows[start:stop]["status"]]
+
+    def failures(self) -> dict[str, int]:
+        """How many points are impossible, by reason; each reason is told as it is at the first of them."""
+        counts: Counter[int] = Counter()
+        for start in range(0, len(self.rows), BLOCK):
+            counts.update(self.rows[start : start + BLOCK]["status"].tolist())
+        numbered = sorted((at, reason, IMPOSSIBLE + k) for k, (at, reason) in enumerate(self.reasons))
+        return {reason: counts[status] for _, reason, status in numbered if counts[status]}
+
+    def save(self, path: str | Path) -> Path:
+        """Writes a table, by its ending: .csv, .parquet (needs pyarrow) or .nc (netCDF, in the shape of the grid)."""
+        from identification.sweep.tables import write_table
+
+        return write_table(self, Path(path))
