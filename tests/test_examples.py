@@ -126,6 +126,20 @@ def test_designs_are_found(tmp_path, monkeypatch, capsys):
 
 
 @pytest.mark.slow
+def test_the_data_lead_from_ho_to_nsp(tmp_path, capsys):
+    diagnosis = example("from_ho")["main"](tmp_path)
+    assert diagnosis.effects == ("large_angle", "radial_elasticity", "string_hysteresis")
+    training = [diagnosis.base.training_gap(), *(step.after.training_gap() for step in diagnosis.repaired.steps)]
+    assert all(after < before for before, after in zip(training, training[1:], strict=False))
+    assert diagnosis.gap_first > 30.0 and diagnosis.gap_last < 1.05
+    truth = example("make_example")["TRUE"]
+    for name in ("k_f", "kappa", "b"):
+        low, high = diagnosis.parameters[name].ci95
+        assert abs(diagnosis.parameters[name].median - truth[name]) < 0.75 * (high - low)  # three sd
+    assert (tmp_path / "from-ho.png").is_file() and "report.html" in capsys.readouterr().out
+
+
+@pytest.mark.slow
 def test_the_demo_finds_the_truth(tmp_path):
     done = subprocess.run([sys.executable, EXAMPLES / "demo.py", "--out", tmp_path], capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
