@@ -189,6 +189,8 @@ def diagnose(path: Path, out: Path, seed: int, workers: int | None) -> None:
             found = ", ".join(f"{key} = {_several(entry['median'])}" for key, entry in step["parameters"].items())
             rows.append((step["effect"], found or "–", ratio(step["gap_before"]), ratio(step["gap_after"])))
         print_table(("effect", "parameters", "gap before", "gap after"), rows)
+    for warning in content["warnings"]:
+        print(f"cradle: {warning}", file=sys.stderr)
     print(f"{content['verdict']}: {sentence(content)}")
     if diagnosis.advice is not None:
         plan = diagnosis.advice.plans[0]

@@ -138,7 +138,7 @@ def test_an_interrupted_diagnosis_goes_on(plain, tmp_path):
     with pytest.raises(KeyboardInterrupt):
         diagnose(experiment, out=tmp_path, progress=stop)
     kept = json.loads((tmp_path / "fits.json").read_text(encoding="utf-8"))["points"]
-    assert len(kept) == 1
+    assert len(kept) == 2  # of the training part, and moved to all readings
     stages = []
     whole = diagnose(experiment, out=tmp_path, progress=lambda stage, _, text: stages.append((stage, text)))
     assert [text for stage, text in stages if stage == "search"] == ["the model as given"]  # not searched again
