@@ -38,13 +38,13 @@ def read_text(path: Path) -> tuple[str, bytes]:
     return text.replace("\r\n", "\n").replace("\r", "\n"), data
 
 
-def write_together(directory: Path, texts: Mapping[str, str]) -> None:
+def write_together(directory: Path, texts: Mapping[str, str | bytes]) -> None:
     """Writes files, by name, into a directory: all to temporary names first, then renamed in the order given."""
     directory.mkdir(parents=True, exist_ok=True)
     temporary = {name: directory / f".{name}.{os.getpid()}" for name in texts}
     try:
         for name, text in texts.items():
-            temporary[name].write_bytes(text.encode("utf-8"))
+            temporary[name].write_bytes(text.encode("utf-8") if isinstance(text, str) else text)
         for name in texts:
             temporary[name].replace(directory / name)
     finally:

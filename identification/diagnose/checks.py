@@ -104,7 +104,7 @@ def _unseen(run: Run, cradle: Cradle) -> list[str]:
     inside = run.times >= run.fit_from
     inside &= run.times <= (math.inf if run.fit_to is None else run.fit_to)
     times, seen = run.times[inside], ~np.isnan(run.readings[inside])
-    gaps = _gaps(times, seen.any(axis=1), cradle.period)
+    gaps = _gaps(times, np.any(seen, axis=1), cradle.period)
     told = [f"{run.file}: no bob is seen from {low:.4g} to {high:.4g} s" for low, high in gaps]
     for bob in np.flatnonzero(seen.any(axis=0)):
         told += [
@@ -114,7 +114,7 @@ def _unseen(run: Run, cradle: Cradle) -> list[str]:
     return told
 
 
-def _gaps(times: np.ndarray, seen: np.ndarray, longest: float) -> list[tuple[float, float]]:
+def _gaps(times: np.ndarray, seen: np.ndarray | np.bool_, longest: float) -> list[tuple[float, float]]:
     """Intervals [s] without a reading that are longer than that, from the first of these times to the last."""
     known = np.concatenate([times[:1], times[seen], times[-1:]])
     return [(known[i], known[i + 1]) for i in np.flatnonzero(np.diff(known) > longest)]

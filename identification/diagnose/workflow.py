@@ -48,16 +48,17 @@ def diagnose(
     repaired = repair(base, searcher, seed, estimated, tell)
     tell("advise", 0.0, "the next experiment")
     final = searcher.on_everything(repaired.last.fitted)
-    return Diagnosis(experiment, repaired, final, _advice(repaired, searcher), seed, warnings)
+    return Diagnosis(experiment, repaired, final, _advice(repaired, searcher, seed, tell), seed, warnings)
 
 
-def _advice(repaired: Repaired, searcher: Searcher) -> Advice | None:
+def _advice(repaired: Repaired, searcher: Searcher, seed: int, tell: Progress) -> Advice | None:
     """The experiment that tells equivalent sets apart; without such, the one that makes λ certain."""
     if not repaired.alternatives:
-        return advise_on_lambda(repaired.last.fitted)
+        return advise_on_lambda(repaired.last.fitted, tell)
     chosen, *others = repaired.alternatives
     last = repaired.last.fitted
-    models: list[Fitted] = [last]
+    models: list[Fitted] = [searcher.on_everything(last)]
+    sets = [chosen]
     for names in others:
         model, values = last.experiment, last.values
         for name in chosen:
@@ -68,5 +69,6 @@ def _advice(repaired: Repaired, searcher: Searcher) -> Advice | None:
                 fit = searcher.adding(fit, next(c for c in candidates(fit.cradle) if c.name == name))
         except (SimulationError, ValueError, StopIteration):
             continue
-        models.append(fit)
-    return advise(models, repaired.alternatives) if len(models) > 1 else None
+        models.append(searcher.on_everything(fit))
+        sets.append(names)
+    return advise(models, sets, seed, tell) if len(models) > 1 else None
