@@ -117,11 +117,12 @@ def _map(axes: Axes, design: Design) -> None:
     axes.minorticks_off()
     if design.sets:
         axes.set_yscale("symlog", linthresh=1.0)
+        axes.set_ylim(bottom=min(0.0, *(p.predicted for p in plans), *(p.simulated for p in tried)))
         axes.set_ylabel("expected log Bayes factor")
     else:
         axes.set_ylabel("ln of the gain in certainty of λ")
     axes.set_xlabel("release angle [rad]")
-    axes.set_title("What each run should tell, to first order")
+    axes.set_title("What each run should tell, to first order; angles where the models cannot be followed are left out")
     axes.legend(loc="upper left", bbox_to_anchor=(1.01, 1.0))
     quiet_grid(axes)
 
