@@ -110,7 +110,7 @@ def test_the_right_unit_is_not_refused(tmp_path, good):
         assert check_readings(Experiment.load(write_experiment(tmp_path / unit, [good], unit=unit))) == ()
 
 
-def test_one_bob_hidden_for_a_while(tmp_path, good, capsys):
+def test_one_bob_hidden_for_a_while(tmp_path, good, capsys, small_grid):
     path = write_experiment(tmp_path, [lose_track(good, 1, 4.0, 7.0)], stated=STATED)
     assert main(["diagnose", str(path), "--out", str(tmp_path), "--workers", "1"]) == 0
     warning = "run1.csv: bob 1 is not seen from 3.983 to 7.017 s"
@@ -170,7 +170,7 @@ def test_what_a_model_lacks_is_no_slip(tmp_path, hidden):
 
 
 @pytest.mark.parametrize("scale", [1e-3, -1e-3])
-def test_a_clock_a_thousandth_off(tmp_path, scale):
+def test_a_clock_a_thousandth_off(tmp_path, scale, small_grid):
     """A clock that runs fast looks like added mass; one that runs slow would need a negative one."""
     path = write_experiment(tmp_path, [filmed({"clock_scale": {"scale": scale}})], stated=STATED)
     assert main(["diagnose", str(path), "--out", str(tmp_path), "--workers", "1"]) == 0

@@ -10,9 +10,9 @@ from scipy.stats import multivariate_normal
 
 from identification import Experiment
 from identification.cli import main
-from identification.diagnose import grid
 from identification.diagnose.advise import _lambda_gradient, advise_on_lambda
 from identification.diagnose.candidates import candidates
+from identification.diagnose.design import _asked
 from identification.diagnose.fitted import with_known_noise
 from identification.diagnose.planned import Instrument, Planned, Setting, View, log_bayes
 from identification.diagnose.search import Searcher, Store
@@ -53,12 +53,6 @@ def heavy(tmp_path_factory):
 @pytest.fixture(scope="module")
 def dragged(tmp_path_factory):
     return written(tmp_path_factory.mktemp("dragged"), {"quadratic_drag": {"c2": 0.02}})
-
-
-@pytest.fixture
-def small_grid(monkeypatch):
-    for name, values in (("_ANGLES", (0.1, 0.2)), ("_DELTAS", (0.0,)), ("_DURATIONS", (8.0, 16.0))):
-        monkeypatch.setattr(grid, name, values)
 
 
 def test_expected_log_bayes_of_normal_predictions():
@@ -168,11 +162,18 @@ def test_refusals(plain, tmp_path, capsys, arguments, words):
 
 
 def test_a_diagnosis_is_taken_over(plain, tmp_path, capsys):
-    (tmp_path / "diagnosis.json").write_text(
-        json.dumps({"steps": [], "equivalent": [["added_mass"], ["clock_scale"]], "inputs": "other"}), encoding="utf-8"
-    )
-    assert main(["design", str(plain), "--out", str(tmp_path), "--diagnosis", str(tmp_path)]) == 2
-    assert "of another experiment" in capsys.readouterr().err
-    (tmp_path / "diagnosis.json").write_text("[]", encoding="utf-8")
-    assert main(["design", str(plain), "--out", str(tmp_path), "--diagnosis", str(tmp_path)]) == 2
-    assert "not a diagnosis" in capsys.readouterr().err
+    kept, out = tmp_path / "diagnosis", tmp_path / "out"
+    kept.mkdir()
+    found = {"steps": [{"effect": "quadratic_drag"}], "equivalent": [["added_mass"], ["clock_scale"]]}
+    digest = Experiment.load(plain).digest
+    (kept / "diagnosis.json").write_text(json.dumps(found | {"inputs": digest}), encoding="utf-8")
+    certain, sets = _asked(Experiment.load(plain), (), kept)
+    assert certain == ("quadratic_drag",) and sets == (("added_mass",), ("clock_scale",))
+    for folder, text, words in (
+        (kept, json.dumps(found | {"inputs": digest}), "name another folder"),
+        (out, json.dumps(found | {"inputs": "other"}), "of another experiment"),
+        (out, "[]", "not a diagnosis"),
+    ):
+        (kept / "diagnosis.json").write_text(text, encoding="utf-8")
+        assert main(["design", str(plain), "--out", str(folder), "--diagnosis", str(kept)]) == 2
+        assert words in capsys.readouterr().err

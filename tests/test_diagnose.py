@@ -112,7 +112,7 @@ def test_the_repaired_model_runs_elsewhere(diagnosed, dragged, tmp_path):
     assert again.cradle.effects["quadratic_drag"]["c2"] == added["quadratic_drag"]["c2"]
 
 
-def test_twins_are_equivalent_and_the_advice_cannot_part_them(dragged, monkeypatch):
+def test_twins_are_equivalent_and_the_advice_cannot_part_them(dragged, monkeypatch, small_grid):
     def added(cradle, bobs, values):
         bobs["c2"] += values["c2"]
 

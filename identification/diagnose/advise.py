@@ -24,8 +24,8 @@ from identification.diagnose.grid import described, ordered, searched
 from identification.diagnose.planned import Instrument, Planned, Setting, log_bayes
 from identification.fit import Progress, bounds
 
-#: How many settings are simulated well, and how often each.
-_SIMULATED, _DRAWS = 3, 4
+#: How many settings are simulated once; how many of them well, and how often each.
+_POOL, _SIMULATED, _DRAWS = 6, 2, 4
 #: What settles it where no run does: how a member is measured by itself.
 DIRECTLY = {
     "added_mass": "weigh the bobs and work out the air that their volume drags along",
@@ -140,8 +140,12 @@ def advise(
             if found is not None:
                 simulated[setting] = _of_pairs(*found, pairs)
 
-    # First order errs by what unknowns absorb over long steps: one draw at every angle chooses what is looked at well.
-    simulate_each(list({(s.bobs, s.lifted, s.angle): s for s in reversed(settings)}.values()), 1)
+    # First order errs by what unknowns absorb over long steps: a draw at the best angles chooses what is looked at
+    # well.
+    pool: dict[tuple[int, int, float], Setting] = {}
+    for setting in settings:
+        pool.setdefault((setting.bobs, setting.lifted, setting.angle), setting)
+    simulate_each(list(pool.values())[:_POOL], 1)
     chosen = ordered({setting: (0.0, mean) for setting, (mean, _) in simulated.items()})[:_SIMULATED]
     simulate_each(chosen, _DRAWS)
     if not simulated:

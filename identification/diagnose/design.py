@@ -118,6 +118,8 @@ def design(
     what cannot be planned.
     """
     tell = progress or (lambda *_: None)
+    if diagnosis is not None and out is not None and Path(diagnosis).resolve() == Path(out).resolve():
+        raise ValueError(f"{out}: the report of the diagnosis is there and would be lost; name another folder as --out")
     certain, sets = _asked(experiment, between, diagnosis)
     known = with_known_noise(experiment)
     check_readings(known)

@@ -13,7 +13,7 @@ from identification.diagnose.planned import Instrument, Planned, Setting
 from identification.fit import Progress
 
 #: The grid: release angles [rad], δ, durations [s]; a first look is taken at one angle.
-_ANGLES, _DELTAS, _DURATIONS = (0.05, 0.1, 0.2, 0.4, 0.8, 1.2), (-0.002, 0.0, 0.002, 0.01), (15.0, 30.0, 60.0, 90.0)
+_ANGLES, _DELTAS, _DURATIONS = (0.05, 0.1, 0.2, 0.4, 0.8, 1.2), (-0.002, 0.0, 0.002, 0.01), (15.0, 30.0, 60.0)
 _FIRST_LOOK = 0.2
 #: How many numbers of bobs, hung and lifted, are looked at closely.
 _SHAPES = 2
