@@ -177,3 +177,11 @@ def test_a_diagnosis_is_taken_over(plain, tmp_path, capsys):
         (kept / "diagnosis.json").write_text(text, encoding="utf-8")
         assert main(["design", str(plain), "--out", str(folder), "--diagnosis", str(kept)]) == 2
         assert words in capsys.readouterr().err
+
+
+def test_diagnose_is_a_function_whatever_was_imported_before(tmp_path):
+    import identification
+
+    assert hasattr(identification.diagnose, "__path__")  # this module has imported the package
+    with pytest.raises(ValueError, match="no such file"):
+        identification.diagnose(Experiment.load(tmp_path / "none.toml"))
