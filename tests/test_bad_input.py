@@ -169,7 +169,7 @@ def test_what_a_model_lacks_is_no_slip(tmp_path, hidden):
     assert slips(tmp_path, filmed(hidden)) == ""
 
 
-@pytest.mark.parametrize("scale", [1e-3, -1e-3])
+@pytest.mark.parametrize("scale", [1e-3, pytest.param(-1e-3, marks=pytest.mark.slow)])
 def test_a_clock_a_thousandth_off(tmp_path, scale, small_grid):
     """A clock that runs fast looks like added mass; one that runs slow would need a negative one."""
     path = write_experiment(tmp_path, [filmed({"clock_scale": {"scale": scale}})], stated=STATED)
