@@ -242,6 +242,33 @@ def sweep(
 
 
 @app.command()
+def design(
+    experiment: Annotated[Path, typer.Argument(metavar="EXPERIMENT.toml")],
+    out: Out,
+    between: Annotated[
+        list[str] | None,
+        typer.Option(metavar="EFFECT[+EFFECT]", help="A model to tell from others. Give two or more; λ is in question"
+                     " where omitted."),
+    ] = None,
+    diagnosis: Annotated[
+        Path | None,
+        typer.Option(metavar="DIR", help="Folder of a diagnosis of this experiment: what it named is taken over, and"
+                     " what it could not tell apart is in question."),
+    ] = None,
+    seed: Seed = 0,
+    workers: Workers = None,
+) -> None:  # fmt: skip
+    """Plan the run that tells most: design.json, design.png, experiment.toml and report.html.
+
+    The same command goes on where it was interrupted.
+    """
+    from identification import commands
+
+    with _kept(f"{out / 'fits.json'} holds the fits that were finished, and the same command goes on from there"):
+        commands.design(experiment, out, between or [], diagnosis, seed, workers)
+
+
+@app.command()
 def bench(
     out: Annotated[Path | None, typer.Option("--out", metavar="DIR", help="Folder for bench.json.")] = None,
     duration: Annotated[float, typer.Option(min=1.0, help="Simulated time of each race, s.")] = 20.0,

@@ -8,7 +8,7 @@ import json
 import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -23,6 +23,9 @@ from identification.posterior import Posterior
 from identification.runs import ReleaseInfo, Run
 from identification.terminal import Progress, print_table
 from identification.wording import convergence_verdict, model_verdict, number, ratio, rounding_of, shown, unit_plain
+
+if TYPE_CHECKING:
+    from identification.diagnose.advise import Advice
 
 #: The release of the paper, where none is stated.
 _ANGLE = 0.228
@@ -190,13 +193,46 @@ def diagnose(path: Path, out: Path, seed: int, workers: int | None) -> None:
             found = ", ".join(f"{key} = {_several(entry['median'])}" for key, entry in step["parameters"].items())
             rows.append((step["effect"], found or "–", ratio(step["gap_before"]), ratio(step["gap_after"])))
         print_table(("effect", "parameters", "gap before", "gap after"), rows)
+    for warning in content["warnings"]:
+        print(f"cradle: {warning}", file=sys.stderr)
     print(f"{content['verdict']}: {sentence(content)}")
     if diagnosis.advice is not None:
-        plan = diagnosis.advice.plans[0]
-        print(
-            f"next experiment: {plan.bobs} bob{'s' if plan.bobs > 1 else ''}, {plan.release.bobs} released at"
-            f" {plan.release.angle} rad, δ = {plan.delta:g}, {plan.duration:g} s"
+        print(advised(diagnosis.advice))
+    print(f"report: {out / 'report.html'}")
+
+
+def advised(advice: Advice) -> str:
+    """The next experiment in a line."""
+    from identification.diagnose.grid import described as described_run
+
+    if advice.in_vain:
+        return advice.instead
+    plan = advice.plans[0]
+    return f"next experiment: {described_run(plan.setting, plan.duration)}. {advice.instead}".rstrip()
+
+
+def design(
+    path: Path, out: Path, between: Sequence[str], diagnosis: Path | None, seed: int, workers: int | None
+) -> None:
+    """Designs the next experiment and writes it."""
+    from identification.diagnose.design import design as run
+    from identification.diagnose.design_report import save, sentence, shown
+    from identification.diagnose.grid import described as described_run
+
+    experiment = Experiment.load(path)
+    with Progress() as progress:
+        designed = run(
+            experiment, between=between, diagnosis=diagnosis, out=out, seed=seed, workers=workers, progress=progress
         )
+        progress("draw", None)
+        save(designed, out)
+    column = "log Bayes factor" if designed.sets else "ln of the gain in λ"
+    rows = [
+        (described_run(plan.setting, plan.duration), number(plan.predicted), *([shown(plan)] if designed.sets else []))
+        for plan in designed.advice.plans[:5]
+    ]
+    print_table(("run", f"{column}, first order", *(["simulated"] if designed.sets else [])), rows)
+    print(sentence(designed))
     print(f"report: {out / 'report.html'}")
 
 

@@ -63,13 +63,13 @@ def write_json(path: Path, content: Mapping[str, Any]) -> Path:
     return write(path, json_text(content))
 
 
-def write_together(directory: Path, texts: Mapping[str, str]) -> None:
+def write_together(directory: Path, texts: Mapping[str, str | bytes]) -> None:
     """Writes files, by name, into a directory: all to temporary names first, then renamed in the order given."""
     directory.mkdir(parents=True, exist_ok=True)
     temporary = {name: directory / f".{name}.{os.getpid()}" for name in texts}
     try:
         for name, text in texts.items():
-            temporary[name].write_bytes(text.encode("utf-8"))
+            temporary[name].write_bytes(text.encode("utf-8") if isinstance(text, str) else text)
         for name in texts:
             temporary[name].replace(directory / name)
     finally:

@@ -1,5 +1,6 @@
 """The examples run, and what they show is in step with the project."""
 
+import itertools
 import runpy
 import subprocess
 import sys
@@ -130,7 +131,7 @@ def test_the_data_lead_from_ho_to_nsp(tmp_path, capsys):
     diagnosis = example("from_ho")["main"](tmp_path)
     assert diagnosis.effects == ("large_angle", "radial_elasticity", "string_hysteresis")
     training = [diagnosis.base.training_gap(), *(step.after.training_gap() for step in diagnosis.repaired.steps)]
-    assert all(after < before for before, after in zip(training, training[1:], strict=False))
+    assert all(after < before for before, after in itertools.pairwise(training))
     assert diagnosis.gap_first > 30.0 and diagnosis.gap_last < 1.05
     truth = example("make_example")["TRUE"]
     for name in ("k_f", "kappa", "b"):

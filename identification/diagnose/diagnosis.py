@@ -38,7 +38,8 @@ class Diagnosis:
     """The answer: `verdict`, and all that led to it.
 
     experiment: as given; repaired: the models examined and the steps between them; final: the last model, fitted to
-    all that may be fitted; advice: the next experiment, None where nothing is open.
+    all that may be fitted; advice: the next experiment, None where nothing is open; warnings: what to know about
+    the readings.
     """
 
     experiment: Experiment
@@ -46,6 +47,7 @@ class Diagnosis:
     final: Fitted
     advice: Advice | None
     seed: int
+    warnings: tuple[str, ...] = ()
 
     @property
     def base(self) -> Fitted:
@@ -117,6 +119,7 @@ class Diagnosis:
             "seed": self.seed,
             "inputs": self.experiment.digest,
             "verdict": self.verdict,
+            "warnings": list(self.warnings),
             "where": list(self.repaired.examined[0].located.where),
             "energy": [
                 {"run": self.experiment.runs[e.run].file, "t": e.time, "excess": e.energy, "sd": e.sd}

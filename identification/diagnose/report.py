@@ -53,7 +53,8 @@ def html(diagnosis: Diagnosis, content: Mapping[str, Any]) -> str:
              "gap": ratio(row["gap"])}
             for row in content["candidates"]
         ],
-        plans=[] if diagnosis.advice is None else diagnosis.advice.plans[:6],
+        plans=[] if diagnosis.advice is None or diagnosis.advice.in_vain else diagnosis.advice.plans[:6],
+        instead="" if diagnosis.advice is None else diagnosis.advice.instead,
         pictures={name: base64.b64encode(png(figure)).decode() for name, figure in pictures.items()},
         model_toml=diagnosis.model_toml(),
         number=number,

@@ -7,16 +7,16 @@ from pathlib import Path
 from cradle_env import __version__
 from cradle_env.simulation import SimulationError
 from identification.diagnose.advise import Advice, advise, advise_on_lambda
+from identification.diagnose.agreement import check_agreement
 from identification.diagnose.candidates import candidates, without_effect
+from identification.diagnose.checks import check_readings
 from identification.diagnose.diagnosis import Diagnosis
 from identification.diagnose.fitted import Fitted, with_known_noise
 from identification.diagnose.repair import Repaired, repair
 from identification.diagnose.search import Searcher, Store
+from identification.diagnose.slips import check_slips
 from identification.experiment import Experiment
 from identification.fit import Progress
-
-#: Readings per unknown below which nothing can be said.
-_FEWEST = 5
 
 
 def diagnose(
@@ -38,31 +38,27 @@ def diagnose(
     known = with_known_noise(experiment)
     store = Store(None if out is None else Path(out) / "fits.json", f"{__version__}/{experiment.digest}/{seed}")
     searcher = Searcher(store, seed, workers)
-    _check(searcher, known)
+    warnings = check_readings(known)
     tell("search", 0.0, "the model as given")
     base = searcher.globally(known, tell)
+    tell("check", 0.0, "whether the readings hang together")
+    whole = searcher.on_everything(base)
+    check_agreement(whole, seed, tell)
+    check_slips(whole)
     repaired = repair(base, searcher, seed, estimated, tell)
     tell("advise", 0.0, "the next experiment")
     final = searcher.on_everything(repaired.last.fitted)
-    return Diagnosis(experiment, repaired, final, _advice(repaired, searcher), seed)
+    return Diagnosis(experiment, repaired, final, _advice(repaired, searcher, seed, tell), seed, warnings)
 
 
-def _check(searcher: Searcher, experiment: Experiment) -> None:
-    likelihood = searcher.likelihood(experiment)
-    readings = sum(int((run.readings[rows] == run.readings[rows]).sum())
-                   for run, rows in zip(experiment.runs, likelihood.rows, strict=True))  # fmt: skip
-    wanted = _FEWEST * max(len(likelihood.unknowns), 10)
-    if readings < wanted:
-        raise ValueError(f"{readings} readings to fit are too few for a diagnosis; give {wanted} or more")
-
-
-def _advice(repaired: Repaired, searcher: Searcher) -> Advice | None:
+def _advice(repaired: Repaired, searcher: Searcher, seed: int, tell: Progress) -> Advice | None:
     """The experiment that tells equivalent sets apart; without such, the one that makes λ certain."""
     if not repaired.alternatives:
-        return advise_on_lambda(repaired.last.fitted)
+        return advise_on_lambda(repaired.last.fitted, tell)
     chosen, *others = repaired.alternatives
     last = repaired.last.fitted
-    models: list[Fitted] = [last]
+    models: list[Fitted] = [searcher.on_everything(last)]
+    sets = [chosen]
     for names in others:
         model, values = last.experiment, last.values
         for name in chosen:
@@ -73,5 +69,6 @@ def _advice(repaired: Repaired, searcher: Searcher) -> Advice | None:
                 fit = searcher.adding(fit, next(c for c in candidates(fit.cradle) if c.name == name))
         except (SimulationError, ValueError, StopIteration):
             continue
-        models.append(fit)
-    return advise(models, repaired.alternatives) if len(models) > 1 else None
+        models.append(searcher.on_everything(fit))
+        sets.append(names)
+    return advise(models, sets, seed, tell) if len(models) > 1 else None

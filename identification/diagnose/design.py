@@ -1,0 +1,190 @@
+"""The next experiment on its own: between models that the user names, between those that a diagnosis left open, or for
+what is least known of λ; and its files."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from cradle_env import __version__
+from cradle_env.cradle import Cradle
+from cradle_env.effects import effect
+from cradle_env.simulation import SimulationError
+from identification.diagnose.advise import Advice, advise, advise_on_lambda
+from identification.diagnose.candidates import candidates
+from identification.diagnose.checks import check_readings
+from identification.diagnose.fitted import Fitted, with_known_noise
+from identification.diagnose.search import Searcher, Store
+from identification.experiment import Experiment
+from identification.files import ExperimentError, read_text
+from identification.fit import Progress
+from identification.toml_file import toml_text
+from identification.unknowns import FIELDS
+
+#: Effects that are in question together.
+Names = tuple[str, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Design:
+    """The models in question, fitted to all data, the sets of effects that each adds to what is `certain`, and the
+    advice. One model and no sets: λ is in question."""
+
+    experiment: Experiment
+    models: tuple[Fitted, ...]
+    certain: Names
+    sets: tuple[Names, ...]
+    advice: Advice
+    seed: int
+
+    def content(self) -> dict[str, Any]:
+        """What design.json holds."""
+        return {
+            "format": "cradle-design/1",
+            "version": __version__,
+            "seed": self.seed,
+            "inputs": self.experiment.digest,
+            "between": [list(names) for names in self.sets],
+            "certain": list(self.certain),
+            **self.advice.content(),
+            "plans": [
+                {
+                    "release": {"bobs": plan.setting.lifted, "angle": plan.setting.angle},
+                    "delta": plan.delta,
+                    "bobs": plan.bobs,
+                    "duration": plan.duration,
+                    "predicted": plan.predicted,
+                    "simulated": plan.simulated,
+                    "standard_error": plan.standard_error,
+                }
+                for plan in self.advice.plans
+            ],
+        }
+
+    def experiment_toml(self) -> str:
+        """An experiment.toml for the recommended run, to which its data are still to be recorded."""
+        plan, model = self.advice.plans[0], self.models[0]
+        cradle, old, run = model.cradle, self.experiment, self.experiment.runs[0]
+        fields = {
+            name: getattr(cradle, name) for name in (*FIELDS, "power_law") if name not in ("delta", "restitution")
+        }
+        if not cradle.has("velocity_dependent_restitution"):
+            fields["restitution"] = cradle.restitution
+        release = {"bobs": plan.setting.lifted, "angle": plan.setting.angle}
+        known = run.release
+        release |= {"angle_sd": known.angle_sd, "time_sd": known.time_sd} if known else {"angle_sd": 0.01}
+        release["start"] = plan.release.start
+        lines = [
+            "# The recommended run, to be recorded: put its data into run1.csv, and correct what turns out otherwise.",
+            'format = "cradle-experiment/1"',
+            "",
+            "[cradle]  # as fitted to the earlier runs",
+            f"bobs = {plan.bobs}",
+            *(f"{name} = {toml_text(value)}" for name, value in fields.items() if value is not None),
+            "",
+            "[model]",
+            f"base = {toml_text(cradle.model)}",
+            f"effects = {toml_text([*old.cradle.effects, *self.certain])}",
+            "",
+            "[[run]]",
+            'file = "run1.csv"',
+            f"release = {toml_text(release)}",
+            f"delta = {toml_text(plan.delta)}",
+            f"noise = {toml_text(float(model.likelihood.noise[0]) / run.scale)}  # {run.unit}",
+            f"rest = {toml_text(run.rest)}",
+            f"# recorded for {plan.duration:g} s",
+        ]
+        return "\n".join([*lines, ""])
+
+
+def design(
+    experiment: Experiment,
+    *,
+    between: Sequence[str] = (),
+    diagnosis: str | Path | None = None,
+    out: str | Path | None = None,
+    seed: int = 0,
+    workers: int | None = None,
+    progress: Progress | None = None,
+) -> Design:
+    """The run that tells most beside the runs there are.
+
+    between: two models or more, each an effect or several joined by "+", as "added_mass"; diagnosis: the folder of a
+    diagnosis of the same experiment, whose named effects are taken over, and whose `equivalent` sets are in question
+    where `between` names none; otherwise λ is. out: folder in which finished fits are kept. Raises ValueError for
+    what cannot be planned.
+    """
+    tell = progress or (lambda *_: None)
+    if diagnosis is not None and out is not None and Path(diagnosis).resolve() == Path(out).resolve():
+        raise ValueError(f"{out}: the report of the diagnosis is there and would be lost; name another folder as --out")
+    certain, sets = _asked(experiment, between, diagnosis)
+    known = with_known_noise(experiment)
+    check_readings(known)
+    store = Store(None if out is None else Path(out) / "fits.json", f"{__version__}/{experiment.digest}/{seed}")
+    searcher = Searcher(store, seed, workers)
+    tell("search", 0.0, "the model as given")
+    base = _with(searcher.globally(known, tell), certain, searcher, tell)
+    models = tuple(searcher.on_everything(_with(base, names, searcher, tell)) for names in sets or ((),))
+    advice = advise(models, sets, seed, tell) if sets else advise_on_lambda(models[0], tell)
+    if advice is None:
+        raise ValueError(
+            "no experiment can be advised: "
+            + (
+                "none of the planned ones can be simulated"
+                if sets
+                else "λ is not defined for one bob, or without a release"
+            )
+            + "; name models to tell apart by --between"
+        )
+    return Design(experiment, models, certain, sets, advice, seed)
+
+
+def _asked(
+    experiment: Experiment, between: Sequence[str], diagnosis: str | Path | None
+) -> tuple[Names, tuple[Names, ...]]:
+    """(effects that are certain, sets in question)."""
+    certain: Names = ()
+    sets = tuple(dict.fromkeys(tuple(text.split("+")) for text in between))
+    if diagnosis is not None:
+        path = Path(diagnosis) / "diagnosis.json"
+        try:
+            found = json.loads(read_text(path)[0])
+            certain = tuple(step["effect"] for step in found["steps"])
+            sets = sets or tuple(tuple(names) for names in found["equivalent"])
+            inputs = found["inputs"]
+        except (ValueError, KeyError, TypeError) as problem:
+            if isinstance(problem, ExperimentError):
+                raise
+            raise ValueError(f"{path}: not a diagnosis; name the folder that cradle diagnose wrote") from None
+        if inputs != experiment.digest:
+            raise ValueError(f"{path}: of another experiment, or of other data; diagnose this one first")
+    if len(sets) == 1:
+        raise ValueError(f"between is {'+'.join(sets[0])} alone; name two models or more to tell apart")
+    for name in (*certain, *(name for names in sets for name in names)):
+        effect(name)
+        _check_absent(experiment.cradle, name)
+    return certain, sets
+
+
+def _check_absent(cradle: Cradle, name: str) -> None:
+    if cradle.has(name):
+        raise ValueError(f"{name} is in the model already; name effects that it may lack")
+    if name not in (c.name for c in candidates(cradle)):
+        raise ValueError(f"{name} cannot matter to {cradle.bobs} bob{'s' if cradle.bobs > 1 else ''}; name another")
+
+
+def _with(fitted: Fitted, names: Names, searcher: Searcher, tell: Progress) -> Fitted:
+    """The fit with effects added, one after the other."""
+    for name in names:
+        tell("refit", 0.0, name)
+        if fitted.cradle.has(name):  # brought along by an earlier one
+            continue
+        candidate = next(c for c in candidates(fitted.cradle) if c.name == name)
+        try:
+            fitted = searcher.adding(fitted, candidate)
+        except SimulationError as problem:
+            raise ValueError(f"{name} cannot be in this cradle: {problem}") from None
+    return fitted
