@@ -7,6 +7,7 @@ subset saves the χ² hᵀG⁻¹h, its rows and columns alone. Drag b stays in G
 from __future__ import annotations
 
 import functools
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -156,20 +157,30 @@ class Linear:
             if not any(self.term(j).excludes(self.term(i)) for i in subset)
         ]  # fmt: skip
 
-    def values(self, subset: tuple[int, ...]) -> dict[str, float]:
-        """All unknowns where the linear model with a subset has its least."""
-        c = self.coefficients(subset)
-        places = [self.seen[j - 1] for j in subset]
-        names = self.fitted.likelihood.names
-        b, others = names.index("b"), np.delete(self.fitted.jacobian, names.index("b"), axis=1)
-        left = self.fitted.residuals + c[0] * self.fitted.jacobian[:, b] + self.columns[:, places] @ c[1:]
+    def solved(self, subset: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:
+        """(what the linear model with a subset leaves, (R + P,), and the change of all unknowns and of it, (D + k,))."""
+        c, J = self.coefficients(subset), self.fitted.jacobian
+        b = self.fitted.likelihood.names.index("b")
+        others = np.delete(J, b, axis=1)
+        left = self.fitted.residuals + c[0] * J[:, b] + self.columns[:, [self.seen[j - 1] for j in subset]] @ c[1:]
         size = np.linalg.norm(others, axis=0)
         size[size == 0.0] = 1.0
-        step = np.insert(-np.linalg.lstsq(others / size, left, rcond=1e-10)[0] / size, b, c[0])
+        rest = -np.linalg.lstsq(others / size, left, rcond=1e-10)[0] / size
+        return left + others @ rest, np.concatenate([np.insert(rest, b, c[0]), c[1:]])
+
+    def log_evidence(self, subset: tuple[int, ...], inflation: float, effective: float) -> float:
+        """Over the model alone: ½ (Δχ²/c − k ln n_eff), see `decide`."""
+        return 0.5 * ((self.saved(subset) - self.saved(())) / inflation - len(subset) * math.log(effective))
+
+    def values(self, subset: tuple[int, ...]) -> dict[str, float]:
+        """The unknowns of the cradle, and coefficients, where the linear model with a subset has its least."""
+        step = self.solved(subset)[1]
         values = {}
-        for u, z, d in zip(self.fitted.likelihood.unknowns, self.fitted.point, step, strict=True):
-            values[u.name] = float(u.value(z)) * max(1.0 + d, 0.1) if u.log else float(z + d)
-        return values | {self.terms[k].name: float(one) for k, one in zip(places, c[1:], strict=True)}
+        for u, z, d in zip(self.fitted.likelihood.unknowns, self.fitted.point, step, strict=False):
+            if "@" not in u.name:
+                values[u.name] = float(u.value(z)) * max(1.0 + d, 0.1) if u.log else float(z + d)
+        coefficients = step[len(self.fitted.point) :]
+        return values | {self.term(j).name: float(c) for j, c in zip(subset, coefficients, strict=True)}
 
 
 def _column(fitted: Fitted, scales: Scales, term: Term) -> np.ndarray:

@@ -19,7 +19,7 @@ from identification.likelihood import STEP_FACTOR, Likelihood, hanging_radius
 from identification.runs import Run
 
 #: Width of a window, in small-angle periods, and evaluations by which its start states are found.
-_WIDTH, _EVALUATIONS = 1.0, 12
+_WIDTH, _EVALUATIONS = 3.0, 12
 
 
 def windowed(fitted: Fitted) -> Fitted:
@@ -113,7 +113,11 @@ def _states(fitted: Fitted, index: int, starts: np.ndarray) -> list[dict[str, fl
     for row in range(len(starts)):
         state = {}
         for i in range(cradle.bobs):
-            state |= {f"theta[{i + 1}]": motion.theta[row, i], f"theta_dot[{i + 1}]": motion.theta_dot[row, i],
-                      f"stretch[{i + 1}]": motion.r[row, i] - hanging[i], f"r_dot[{i + 1}]": motion.r_dot[row, i]}  # fmt: skip
+            state |= {
+                f"theta[{i + 1}]": motion.theta[row, i],
+                f"theta_dot[{i + 1}]": motion.theta_dot[row, i],
+                f"stretch[{i + 1}]": motion.r[row, i] - hanging[i],
+                f"r_dot[{i + 1}]": motion.r_dot[row, i],
+            }
         found.append(state)
     return found
