@@ -19,7 +19,6 @@ import numpy as np
 
 from cradle_env.effects import LEARNED
 from cradle_env.simulation import SimulationError
-from identification.diagnose.candidates import without_effect
 from identification.diagnose.decide import colour, coloured
 from identification.diagnose.fitted import Fitted
 from identification.diagnose.search import Searcher, placed

@@ -158,7 +158,7 @@ class Linear:
         ]  # fmt: skip
 
     def solved(self, subset: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:
-        """(what the linear model with a subset leaves, (R + P,), and the change of all unknowns and of it, (D + k,))."""
+        """(what the linear model with a subset leaves, (R + P,), and the change of unknowns and subset, (D + k,))."""
         c, J = self.coefficients(subset), self.fitted.jacobian
         b = self.fitted.likelihood.names.index("b")
         others = np.delete(J, b, axis=1)

@@ -10,6 +10,7 @@ from identification.diagnose.advise import Advice, advise, advise_on_lambda
 from identification.diagnose.candidates import candidates, without_effect
 from identification.diagnose.diagnosis import Diagnosis
 from identification.diagnose.fitted import Fitted, with_known_noise
+from identification.diagnose.law import learn
 from identification.diagnose.repair import Repaired, repair
 from identification.diagnose.search import Searcher, Store
 from identification.experiment import Experiment
@@ -42,9 +43,10 @@ def diagnose(
     tell("search", 0.0, "the model as given")
     base = searcher.globally(known, tell)
     repaired = repair(base, searcher, seed, estimated, tell)
+    law = learn(repaired.last.fitted, searcher, tell) if repaired.last.significant else None
     tell("advise", 0.0, "the next experiment")
-    final = searcher.on_everything(repaired.last.fitted)
-    return Diagnosis(experiment, repaired, final, _advice(repaired, searcher), seed)
+    final = searcher.on_everything(repaired.last.fitted if law is None else law.fitted)
+    return Diagnosis(experiment, repaired, law, final, _advice(repaired, searcher), seed)
 
 
 def _check(searcher: Searcher, experiment: Experiment) -> None:
