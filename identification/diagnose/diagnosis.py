@@ -9,6 +9,7 @@ from typing import Any
 
 from cradle_env import __version__
 from cradle_env.cradle import Cradle
+from cradle_env.effects import LEARNED
 from identification.diagnose.advise import Advice
 from identification.diagnose.fitted import Fitted
 from identification.diagnose.intervals import Interval, intervals
@@ -102,7 +103,7 @@ class Diagnosis:
             for name, found in self.parameters.items() if "." not in name and "@" not in name
         ]  # fmt: skip
         lines += ["[model]", f"base = {toml_text(cradle.model)}", f"effects = {toml_text([*cradle.effects])}"]
-        known = {name: dict(values) for name, values in cradle.effects.items() if values}
+        known = {name: _brief(name, values) for name, values in cradle.effects.items() if values}
         if known:
             lines += ["", "[model.parameters]"]
             lines += [f"{toml_key(name)} = {toml_text(values)}" for name, values in known.items()]
@@ -183,6 +184,13 @@ class Diagnosis:
                 }
             )
         return rows
+
+
+def _brief(name: str, values: Mapping[str, Any]) -> dict[str, Any]:
+    """The values of an effect; of a learned law one number where all bobs or pairs have the same, for any cradle."""
+    if all(name != learned.name for learned in LEARNED):
+        return dict(values)
+    return {key: v[0] if isinstance(v, tuple) and len(set(v)) == 1 else v for key, v in values.items()}
 
 
 def effect_parameters(parameters: Mapping[str, Interval], name: str) -> dict[str, Any]:

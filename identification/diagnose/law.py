@@ -19,6 +19,7 @@ import numpy as np
 
 from cradle_env.effects import LEARNED
 from cradle_env.simulation import SimulationError
+from identification.diagnose.candidates import without_effect
 from identification.diagnose.decide import colour, coloured
 from identification.diagnose.fitted import Fitted
 from identification.diagnose.search import Searcher, placed
@@ -49,29 +50,35 @@ class Law:
 
 
 def learn(fitted: Fitted, searcher: Searcher, tell: Progress) -> Law | None:
-    """The law that a fitted model lacks; None where none predicts better than the model alone."""
+    """The law that a fitted model lacks; None where none predicts better than the model alone, or with so
+    many unknowns more that it explains nothing."""
     if any(fitted.cradle.has(declared.name) for declared in LEARNED) or "b" not in fitted.likelihood.names:
         return None
     tell("law", 0.0, "window by window")
     scales = scales_of(fitted)
     linear = Linear.of(windowed(fitted), scales)
     tell("law", 0.4, "which terms")
-    subset = chosen(linear)
-    if not subset:
-        return None
-    terms, values = tuple(map(linear.term, subset)), linear.values(subset)
     part = inner(fitted.experiment)
-    try:
-        tell("law", 0.6, "prediction without it")
-        alone = _free(fitted, searcher, part, scales, (), {}).held_out_gap()
-        tell("law", 0.7, "prediction with it")
-        gap = _free(fitted, searcher, part, scales, terms, values).held_out_gap()
-        if gap >= alone:
-            return None
-        tell("law", 0.8, "fit of all unknowns")
-        return Law(fitted, _free(fitted, searcher, fitted.experiment, scales, terms, values), terms, alone, gap)
-    except SimulationError:
-        return None
+    alone = _free(fitted, searcher, part, scales, (), {}).held_out_gap()
+    for i, subset in enumerate(choices(linear)):
+        tell("law", 0.6 + 0.1 * i, f"prediction with {len(subset)} terms")
+        terms, values = tuple(map(linear.term, subset)), linear.values(subset)
+        try:
+            gap = _free(fitted, searcher, part, scales, terms, values).held_out_gap()
+            if gap < alone:
+                law = Law(fitted, _free(fitted, searcher, fitted.experiment, scales, terms, values), terms, alone, gap)
+                if law.log_evidence > 0.0:
+                    return law
+        except SimulationError:  # a law under which the cradle cannot swing
+            continue
+    return None
+
+
+def choices(linear: Linear) -> list[tuple[int, ...]]:
+    """The best subset of all sizes, then those of the path with half as many terms, and a quarter."""
+    path, best = linear.path(_MOST), chosen(linear)
+    sizes = dict.fromkeys(len(best) // k for k in (2, 4))
+    return [best, *(path[size - 1] for size in sizes if 0 < size < len(best))] if best else []
 
 
 def chosen(linear: Linear) -> tuple[int, ...]:
@@ -103,6 +110,21 @@ def _free(
     key = _key([term.name for term in terms], fitted.point.tolist(), experiment.digest)
     start = placed(likelihood, {**fitted.values, **values})
     return Fitted(likelihood, searcher.store.point(key, lambda: refine(likelihood, start, _EVALUATIONS)[0]))
+
+
+def still_needed(fitted: Fitted, name: str, searcher: Searcher, tell: Progress) -> float:
+    """Log evidence of an effect over the law that would stand in its place; it is needed unless that is below −CLOSE:
+    the library holds the like of some effects, and a law that only copies an effect comes out near 0.
+
+    fitted: a model with the effect among those added to its base. The effect is taken out, a law may be learned of
+    what is then left, and both models are compared on the training part, their unknowns counted. A law has some
+    dozens of terms to choose from, which this does not count: it is the law that is favoured, not the effect.
+    """
+    without = searcher.nearby(without_effect(fitted.experiment, name), fitted.values)
+    law = learn(without, searcher, tell)
+    rival = without if law is None else law.fitted
+    inflation, effective = coloured(min((fitted, rival), key=lambda one: one.chi2))
+    return 0.5 * ((rival.chi2 - fitted.chi2) / inflation - (len(fitted.point) - len(rival.point)) * math.log(effective))
 
 
 def scales_of(fitted: Fitted) -> dict[str, float]:

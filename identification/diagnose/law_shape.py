@@ -117,8 +117,11 @@ class Shape:
         b, before = self.fitted.values["b"], self.law.before.values["b"]
         against, width = self._curve(name, bob, lambda k: 0.5 * (self._force(k, rest, -v) - self._force(k, rest, v)))
         push, push_width = self._curve(name, bob, lambda k: self._force(k, theta, rest))
-        lift, lift_width = self._curve(name, bob, lambda k: 0.5 * (self._force(k, rest, v) + self._force(k, rest, -v)))
-        lift, lift_width = lift - lift[0], lift_width  # what acts at rest stands in the curve by angle
+        lift, lift_width = self._curve(  # what acts at rest stands in the curve by angle
+            name,
+            bob,
+            lambda k: 0.5 * (self._force(k, rest, v) + self._force(k, rest, -v)) - self._force(k, rest, rest),
+        )
         curves = [
             Curve(f"{who}: against the motion, drag b included", "speed [m/s]", "force [mN]", v,
                   1e3 * (against + b * v), 1e3 * width, 1e3 * before * v),
