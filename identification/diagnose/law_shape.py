@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from scipy.integrate import trapezoid
 
+from cradle_env.collisions import restitution_curve
 from cradle_env.effects import effect
 from cradle_env.effects.learned_force import TERMS as OF_FORCE
 from cradle_env.effects.learned_force import force, learned_force
@@ -24,6 +25,8 @@ from identification.diagnose.law import Law
 from identification.likelihood import STEP_FACTOR
 
 _POINTS = 121
+#: Relative step of k_f in differences.
+_STEP = 1e-3
 #: Of a normal distribution, the half width of the central 95 %; and what share of the largest part is worth a word.
 _SIGMAS, _WORTH = 1.96, 0.1
 #: Gaps up to which a force between neighbours is shown [radii of a bob].
@@ -60,9 +63,20 @@ class Shape:
     def _values(self, name: str, key: str) -> Any:
         return self.cradle.effects[name][key]
 
-    def _curve(self, name: str, which: int, basis: Callable[[str], np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
-        """(sum, half width of its band) of basis(key) times the coefficients of one bob or pair (from 1)."""
+    def _curve(
+        self,
+        name: str,
+        which: int,
+        basis: Callable[[str], np.ndarray],
+        beside: tuple[str, np.ndarray] | None = None,
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """(sum, half width of its band) of basis(key) times the coefficients of one bob or pair (from 1).
+
+        beside: an unknown of the model and the change of the function by its coordinate, for the band alone.
+        """
         rows, coefficients, places = [], [], []
+        if beside is not None and beside[0] in self.places:
+            rows, coefficients, places = [beside[1]], [0.0], [self.places[beside[0]]]
         for term in self.law.terms:
             if term.effect == name and term.which in (0, which):
                 rows.append(basis(term.key))
@@ -115,8 +129,14 @@ class Shape:
         v, theta = np.linspace(0.0, fastest, _POINTS), np.linspace(-largest, largest, _POINTS)
         rest = np.zeros(_POINTS)
         b, before = self.fitted.values["b"], self.law.before.values["b"]
-        against, width = self._curve(name, bob, lambda k: 0.5 * (self._force(k, rest, -v) - self._force(k, rest, v)))
+        drag = ("b", b * v)
+        against, width = self._curve(
+            name, bob, lambda k: 0.5 * (self._force(k, rest, -v) - self._force(k, rest, v)), drag
+        )  # fmt: skip
         push, push_width = self._curve(name, bob, lambda k: self._force(k, theta, rest))
+        ripple = np.linspace(0.0, float(np.max(np.abs(self.motion.r_dot[:, bob - 1]))), _POINTS)
+        speed = self._values(name, "speed")
+        along, along_width = self._curve(name, bob, lambda k: ripple / speed * float(k == "radial"))
         lift, lift_width = self._curve(  # what acts at rest stands in the curve by angle
             name,
             bob,
@@ -126,9 +146,11 @@ class Shape:
             Curve(f"{who}: against the motion, drag b included", "speed [m/s]", "force [mN]", v,
                   1e3 * (against + b * v), 1e3 * width, 1e3 * before * v),
             Curve(f"{who}: at rest, by angle", "θ [rad]", "force [mN]", theta, 1e3 * push, 1e3 * push_width),
+            Curve(f"{who}: against motion along the string, beside b", "speed [m/s]", "force [mN]", ripple, 1e3 * along,
+                  1e3 * along_width),
             Curve(f"{who}: the same both ways, by speed", "speed [m/s]", "force [mN]", v, 1e3 * lift, 1e3 * lift_width),
         ]  # fmt: skip
-        return [curve for curve in curves if _size(curve.y - (0.0 if curve.without is None else curve.without)) > 0.0]
+        return [curve for curve, own in zip(curves, (against, push, along, lift), strict=True) if _size(own) > 0.0]
 
     def _of_pair(self, pair: int) -> list[Curve]:
         name = learned_pair.name
@@ -154,11 +176,14 @@ class Shape:
     def _of_impacts(self) -> Curve:
         name = learned_impact.name
         speeds = self.motion.impacts["speed"]
-        v = np.linspace(0.0, float(speeds.max()), _POINTS)
+        v = np.linspace(0.0, float(speeds.max()), _POINTS + 1)[1:]
         u = v / self._values(name, "speed")
         shapes = {"level": np.ones_like(u), "slope": u, "bend": u**2, "gentle": np.exp(-u / 0.1)}
-        y, band = self._curve(name, 0, shapes.__getitem__)
-        return Curve("impacts: change of e", "impact speed [m/s]", "Δe", v, y, band, np.zeros_like(v))
+        e = restitution_curve(self.cradle, v)
+        stiffer = restitution_curve(self.cradle.replace(k_f=self.cradle.k_f * (1.0 + _STEP)), v)
+        _, band = self._curve(name, 0, shapes.__getitem__, ("k_f", (stiffer - e) / _STEP))
+        without = restitution_curve(self.law.before.cradle, v)
+        return Curve("impacts: restitution", "impact speed [m/s]", "e", v, e, band, without)
 
     def energy_taken(self) -> float:
         """What the forces of the law on single bobs take of the motion over the fitted time [J]; < 0: they give."""
@@ -202,6 +227,9 @@ def _described(curve: Curve) -> str:
     added = _added(curve)
     k = int(np.argmax(np.abs(added)))
     peak, at = added[k], f"{curve.x[k]:.3g} {curve.x_label.partition('[')[2].rstrip(']')}"
+    if what.startswith("against motion along"):
+        way = "against" if peak > 0.0 else "with"
+        return f"on {who}, a force {way} its motion along the string, up to {abs(peak):.2g} {unit} at {at}"
     if what.startswith("against"):
         sense = "more" if peak > 0.0 else "less"
         return (
@@ -218,8 +246,8 @@ def _described(curve: Curve) -> str:
         return f"on {who}, a push that depends on the angle, {peak:+.2g} {unit} at {at}"
     if what.startswith("the same both ways"):
         return f"on {who}, a push to one side whichever way it moves, {peak:+.2g} {unit} at {at}"
-    if what.startswith("change of e"):
-        return f"at impacts, e departs from the model's e(v) by {peak:+.2g} at {at}"
+    if what == "restitution":
+        return f"at impacts, e departs from that of the model without the law by {peak:+.2g} at {at}"
     return f"between {who}: {what}, {peak:+.2g} {unit} at a gap of {at}"
 
 

@@ -111,7 +111,7 @@ def law_figure(shape: Shape) -> Figure:
         if curve.without is not None:
             axes.plot(curve.x, curve.without, color=GREY, linestyle="--", label="model without it")
             axes.legend(loc="best")
-        axes.set_title(curve.title, wrap=True)
+        axes.set_title(curve.title.replace(": ", ":\n"))
         axes.set_xlabel(curve.x_label)
         axes.set_ylabel(curve.y_label)
         quiet_grid(axes)

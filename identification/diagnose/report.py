@@ -73,7 +73,11 @@ def _law(law: Mapping[str, Any] | None) -> dict[str, Any] | None:
         unit = unit_markup(term["unit"], rounding.exponent)
         terms.append({**term, "median": rounding.text(term["median"]), "interval": interval, "unit": unit})
     gaps = {key: ratio(value) for key, value in law.items() if "gap" in key}
-    return {**law, **gaps, "terms": terms, "energy": f"{1e3 * law['energy_taken']['value']:.3g} mJ"}
+    return {**law, **gaps, "terms": terms, "energy": _energy(law["energy_taken"]["value"])}
+
+
+def _energy(taken: float) -> str:
+    return f"{'take' if taken >= 0.0 else 'give'} {1e3 * abs(taken):.3g} mJ"
 
 
 _GAPS = ("gap_before", "gap_after", "train_before", "train_after")
