@@ -146,7 +146,7 @@ class Shape:
             Curve(f"{who}: against the motion, drag b included", "speed [m/s]", "force [mN]", v,
                   1e3 * (against + b * v), 1e3 * width, 1e3 * before * v),
             Curve(f"{who}: at rest, by angle", "θ [rad]", "force [mN]", theta, 1e3 * push, 1e3 * push_width),
-            Curve(f"{who}: against motion along the string, beside b", "speed [m/s]", "force [mN]", ripple, 1e3 * along,
+            Curve(f"{who}: against motion along the string", "speed [m/s]", "force [mN]", ripple, 1e3 * along,
                   1e3 * along_width),
             Curve(f"{who}: the same both ways, by speed", "speed [m/s]", "force [mN]", v, 1e3 * lift, 1e3 * lift_width),
         ]  # fmt: skip
