@@ -27,6 +27,9 @@ def _curve(cradle: Cradle, speeds: np.ndarray) -> np.ndarray:
 
     record = np.zeros(1, parameters.CRADLE)
     write_law(record, cradle)
+    for effect in cradle.composition:
+        if effect.acts_on == "contact" and effect.apply is not None:
+            effect.apply(record, np.zeros(cradle.bobs, parameters.BOB), cradle.effects.get(effect.name, {}))
     speeds = np.atleast_1d(np.ascontiguousarray(speeds, dtype=float))
     if not (np.isfinite(speeds) & (speeds > 0.0)).all():
         raise ValueError("impact speeds must be finite and greater than 0 m/s")

@@ -11,6 +11,7 @@ import numpy as np
 from cradle_env.collisions import write_law
 from cradle_env.cradle import Cradle, InitialState, Release
 from cradle_env.effects import Effect
+from cradle_env.effects.learned_force import has_dry_friction, learned_force
 from cradle_env.errors import check_range
 from cradle_env.mechanics import events, restitution, start
 from cradle_env.mechanics import parameters as p
@@ -140,7 +141,7 @@ def records(cradle: Cradle, step_factor: float = 1.0) -> tuple[np.ndarray, np.nd
         step = min(step, _RADIAL_STEP / radial)
     if c["frame_mass"][0] > 0.0:
         step = min(step, _RADIAL_STEP * np.sqrt(c["frame_mass"][0] / c["frame_stiffness"][0]))
-    if bobs["tau_c"].any():
+    if bobs["tau_c"].any() or has_dry_friction(cradle.effects.get(learned_force.name, {})):
         step = min(step, _FRICTION_STEP / angular)
     c["step"] = step * step_factor
     return c, bobs
@@ -150,10 +151,11 @@ def _write_user_forces(c: np.ndarray, bobs: np.ndarray, forces: list[tuple[Effec
     """The address of one compiled function that sums the forces from outside, and their parameters in a row."""
     from cradle_env.mechanics.outside import compiled
 
-    values = [values[q.key] for effect, values in forces for q in effect.parameters]
-    if len(values) > bobs["user"].shape[1]:
-        raise ValueError(f"effects from outside have {len(values)} parameters; together they may have 8")
-    bobs["user"][:, : len(values)] = values
+    rows = [values[q.key] for effect, values in forces for q in effect.parameters]
+    if len(rows) > p.USER:
+        raise ValueError(f"effects from outside have {len(rows)} parameters; together they may have {p.USER}")
+    for k, row in enumerate(rows):
+        bobs["user"][:, k] = row
     c["user_force"] = compiled(tuple((effect.force, len(effect.parameters)) for effect, _ in forces)).address
 
 

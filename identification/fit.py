@@ -133,26 +133,27 @@ def cost(likelihood: Likelihood, point: np.ndarray) -> float:
         return math.inf
 
 
-def _steps(likelihood: Likelihood) -> np.ndarray:
+def steps(likelihood: Likelihood) -> np.ndarray:
     """Finite-difference steps of the coordinates, (D,): small against what is known of each."""
-    steps = []
+    found = []
     for u in likelihood.unknowns:
         if u.log:
-            steps.append(1e-4)
+            found.append(1e-4)
         elif not math.isnan(u.sd):
-            steps.append(1e-2 * u.sd)
+            found.append(1e-2 * u.sd)
         else:
-            steps.append(1e-3 * u.search if u.search > 0.0 else 1e-5)
-    return np.array(steps)
+            found.append(1e-3 * u.search if u.search > 0.0 else 1e-5)
+    return np.array(found)
 
 
 def jacobian(likelihood: Likelihood, point: np.ndarray, base: np.ndarray) -> np.ndarray:
     """Derivatives of the residuals (R, D), by one-sided differences that stay within the bounds."""
     high = bounds(likelihood)[1]
-    steps = np.where(point + _steps(likelihood) > high, -_steps(likelihood), _steps(likelihood))
-    moved = point + np.diag(steps)
+    width = steps(likelihood)
+    width = np.where(point + width > high, -width, width)
+    moved = point + np.diag(width)
     columns = in_threads(lambda z: _safe_residuals(likelihood, z, len(base)), list(moved), likelihood.workers)
-    return (np.array(columns) - base).T / steps
+    return (np.array(columns) - base).T / width
 
 
 def broad_jacobian(likelihood: Likelihood, point: np.ndarray, base: np.ndarray) -> np.ndarray:
@@ -163,7 +164,7 @@ def broad_jacobian(likelihood: Likelihood, point: np.ndarray, base: np.ndarray) 
     """
     low, high = bounds(likelihood)
     narrow = np.linalg.norm(jacobian(likelihood, point, base), axis=0)
-    first = np.maximum(_APART / np.maximum(narrow, 1e-300), _steps(likelihood))
+    first = np.maximum(_APART / np.maximum(narrow, 1e-300), steps(likelihood))
 
     def between(i: int, step: float) -> tuple[np.ndarray, float]:
         """(change of the residuals, of the coordinate) over a step to either side."""
@@ -206,7 +207,7 @@ def refine(likelihood: Likelihood, point: np.ndarray, evaluations: int) -> tuple
         inside,
         derivatives,  # type: ignore[arg-type]  # a function, which SciPy's stubs do not know of
         (low - 1e-12, high + 1e-12),
-        x_scale=_steps(likelihood),
+        x_scale=steps(likelihood),
         max_nfev=evaluations,
         xtol=1e-8,
         ftol=1e-8,

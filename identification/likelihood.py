@@ -93,7 +93,7 @@ class Likelihood:
 
         stretch = each("stretch")
         cradle = self.cradle(values, run)
-        r = None if stretch is None else equilibrium(cradle.replace(bobs=1, delta=0.0))[1] + stretch
+        r = None if stretch is None else hanging_radius(cradle) + stretch
         theta, theta_dot = each("theta"), each("theta_dot")
         assert theta is not None and theta_dot is not None
         return InitialState(theta, theta_dot, r, each("r_dot"), each("tension_ratio")), run.fit_from
@@ -187,6 +187,11 @@ class Likelihood:
             (u.value(z) - u.mean) / u.sd for u, z in zip(self.unknowns, point, strict=True) if not math.isnan(u.sd)
         ]
         return np.concatenate([*parts, np.array(prior)])
+
+
+def hanging_radius(cradle: Cradle) -> np.ndarray:
+    """r of each bob where it hangs alone [m], (N,)."""
+    return equilibrium(cradle.replace(delta=1.0))[1]
 
 
 def lifted_further(release: Release, error: float) -> Release:

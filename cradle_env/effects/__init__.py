@@ -19,6 +19,9 @@ from cradle_env.effects.exposure_blur import exposure_blur
 from cradle_env.effects.frame_compliance import frame_compliance
 from cradle_env.effects.group_drag import group_drag
 from cradle_env.effects.large_angle import large_angle
+from cradle_env.effects.learned_force import learned_force
+from cradle_env.effects.learned_impact import learned_impact
+from cradle_env.effects.learned_pair import learned_pair
 from cradle_env.effects.length_mismatch import length_mismatch
 from cradle_env.effects.mass_mismatch import mass_mismatch
 from cradle_env.effects.pivot_friction import pivot_friction
@@ -52,6 +55,9 @@ CATALOGUE: tuple[Effect, ...] = (
     clock_scale,
 )
 
+#: Effects whose parameters are a law learned from data: known by name, never candidates for a name.
+LEARNED: tuple[Effect, ...] = (learned_force, learned_pair, learned_impact)
+
 #: The base models, by the effects that they hold. HO and NSP are the paper's.
 MODELS: dict[str, tuple[str, ...]] = {
     "ho": ("velocity_dependent_restitution",),
@@ -59,7 +65,7 @@ MODELS: dict[str, tuple[str, ...]] = {
     "nsp": ("velocity_dependent_restitution", "large_angle", "radial_elasticity", "string_hysteresis"),
 }
 
-_EFFECTS = {effect.name: effect for effect in CATALOGUE}
+_EFFECTS = {effect.name: effect for effect in (*CATALOGUE, *LEARNED)}
 
 
 def register(effect: Effect) -> Effect:
@@ -84,7 +90,7 @@ def effect(name: str) -> Effect:
 
 def known_effects() -> tuple[Effect, ...]:
     """The catalogue, and what was registered beside it."""
-    return tuple(_EFFECTS.values())
+    return tuple(e for e in _EFFECTS.values() if e not in LEARNED)
 
 
 def compose(base: str, changes: Iterable[str]) -> tuple[Effect, ...]:

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from cradle_env.errors import check_range, unknown_key
+from cradle_env.mechanics.parameters import USER
 
 #: Values of an effect's parameters by key; where there is one for each bob or gap, an array of them.
 Values = Mapping[str, Any]
@@ -97,8 +98,8 @@ class Effect:
     def __post_init__(self) -> None:
         if self.acts_on not in PLACES:
             raise ValueError(f"effect {self.name}: acts_on is {self.acts_on!r}; choose one of {', '.join(PLACES)}")
-        if self.force is not None and len(self.parameters) > 8:
-            raise ValueError(f"effect {self.name}: a force from outside takes at most 8 parameters")
+        if self.force is not None and len(self.parameters) > USER:
+            raise ValueError(f"effect {self.name}: a force from outside takes at most {USER} parameters")
 
     def absent_values(self) -> dict[str, float]:
         """The parameters at which the effect is not there; those that then mean nothing at their scale."""

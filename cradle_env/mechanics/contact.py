@@ -255,9 +255,9 @@ def contact_forces(cradle, bobs, lo, hi, S, W, t, A, c, R, rate):
 def pair_forces(cradle, bobs, t, A, c, R, rate):
     """Adds to the derivative of all bobs what acts between neighbours at a distance: attraction
     F exp(-gap / range) along the line of centres, and the drag -b slope exp(-gap / range) v that each has from the
-    other's nearness. A gap counts from 0 on."""
+    other's nearness; and a learned force. A gap counts from 0 on."""
     for p in range(len(bobs) - 1):
-        gap, nx, nz, _, _ = pair(cradle, bobs, p, t, A, c)
+        gap, nx, nz, v_n, _ = pair(cradle, bobs, p, t, A, c)
         gap = max(gap, 0.0)
         if cradle.attraction != 0.0:
             force = cradle.attraction * math.exp(-gap / cradle.attraction_range)
@@ -269,6 +269,19 @@ def pair_forces(cradle, bobs, t, A, c, R, rate):
                 b = weight * bobs[i].b
                 push(cradle, bobs, i, A, c, R, rate, 2, -b * vx, -b * vz)
                 R[i, rate + DRAG] += b * (vx * vx + vz * vz)
+        if cradle.learned_pairs != 0:
+            force = learned_pair(bobs[p], gap / cradle.radius, v_n / cradle.pair_speed)
+            push_apart(cradle, bobs, p, A, c, R, rate, VELOCITIES, nx, nz, force)
+            R[p, rate + DRAG] -= force * v_n
+
+
+@jit
+def learned_pair(bob, gap, u):
+    """Repulsion [N] of a bob and the next: -sum (pull_k + film_k u) exp(-gap / range_k); gap and the ranges 1/20, 1/4
+    and 1 in radii of a bob, u the speed at which the gap opens in units of its scale."""
+    near, middle, far = math.exp(-20.0 * gap), math.exp(-4.0 * gap), math.exp(-gap)
+    pull = bob.pull[0] * near + bob.pull[1] * middle + bob.pull[2] * far
+    return -pull - u * (bob.film[0] * near + bob.film[1] * middle + bob.film[2] * far)
 
 
 @jit

@@ -17,7 +17,7 @@ from cradle_env.mechanics.strings import stretch, tension
 # Angular speed [rad/s] over which pivot friction changes sign: 1e-2 of the swing's, and far from a jump.
 FRICTION_SMOOTHING = 0.02
 
-#: Signature of a force from outside: (time, state (6,), parameters (8,)). The state is (r, theta, v_r, v_theta)
+#: Signature of a force from outside: (time, state (6,), parameters (USER,)). The state is (r, theta, v_r, v_theta)
 #: on entry, SI; the force's radial and tangential component [N] go into state[4] and state[5].
 USER_SIGNATURE = types.void(types.float64, types.CPointer(types.float64), types.CPointer(types.float64))
 

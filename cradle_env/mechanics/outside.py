@@ -6,6 +6,7 @@ import numba
 from numba import carray
 
 from cradle_env.mechanics.forces import USER_SIGNATURE
+from cradle_env.mechanics.parameters import USER
 
 
 def _sum_of(first, offset, count, rest):
@@ -35,7 +36,7 @@ def compiled(forces):
 
     @numba.cfunc(USER_SIGNATURE)
     def entry(t, state, parameters):
-        s, values = carray(state, 6), carray(parameters, 8)
+        s, values = carray(state, 6), carray(parameters, USER)
         s[4], s[5] = total(t, s[0], s[1], s[2], s[3], values)
 
     return entry

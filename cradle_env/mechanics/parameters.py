@@ -27,6 +27,9 @@ GRID, TURN, TAUT, RELEASE, PART = map(_INT, range(5))
 # State of a pair of neighbours: apart, in persistent contact, in a contact that is followed in time.
 OPEN, PRESSED, RESOLVED = 0.0, 1.0, 2.0
 
+#: How many parameters the forces from outside may have together.
+USER = 32
+
 CRADLE = np.dtype(
     [
         ("gravity", "f8"),  # m/s^2
@@ -47,6 +50,10 @@ CRADLE = np.dtype(
         ("attraction_range", "f8"),
         ("drag_slope", "f8"),  # group_drag: growth of b per neighbour at touch, and its range, m
         ("drag_range", "f8"),
+        ("departure", "f8", (4,)),  # learned_impact: coefficients, and the scale of speeds, m/s
+        ("departure_speed", "f8"),  # 0: none
+        ("learned_pairs", "i8"),  # 1: learned_pair acts
+        ("pair_speed", "f8"),  # its scale of speeds, m/s
         ("frame_mass", "f8"),  # frame_compliance, kg; 0: a rigid frame
         ("frame_stiffness", "f8"),  # N/m
         ("frame_damping", "f8"),  # kg/s
@@ -73,7 +80,9 @@ BOB = np.dtype(
         ("b", "f8"),  # linear drag, kg/s
         ("c2", "f8"),  # quadratic_drag, kg/m
         ("tau_c", "f8"),  # pivot_friction, N m
-        ("user", "f8", (8,)),  # parameters of the force from outside
+        ("pull", "f8", (3,)),  # learned_pair, of the pair with the next bob: N, for each range
+        ("film", "f8", (3,)),
+        ("user", "f8", (USER,)),  # parameters of the force from outside
         ("user_state", "f8", (6,)),  # what passes to and from it
     ]
 )

@@ -114,13 +114,23 @@ def dissipation(cradle, m_eff, v):
 
 
 @jit
+def departure(c, u):
+    """What a learned law adds to e at speed u, in units of its scale: c0 + c1 u + c2 u^2 + c3 exp(-u / 0.1)."""
+    return c[0] + u * (c[1] + c[2] * u) + c[3] * math.exp(-u / 0.1)
+
+
+@jit
 def restitution(cradle, table, m_eff, v):
     """e at normal speed v > 0 [m/s] under the cradle's law; 0 <= e <= 1."""
     if cradle.law == CONSTANT:
-        return cradle.restitution
-    if cradle.law == KUWABARA_KONO:
-        return restitution_of(table, dissipation(cradle, m_eff, v))
-    return max(0.0, 1.0 - cradle.alpha * v**cradle.exponent)
+        e = cradle.restitution
+    elif cradle.law == KUWABARA_KONO:
+        e = restitution_of(table, dissipation(cradle, m_eff, v))
+    else:
+        e = max(0.0, 1.0 - cradle.alpha * v**cradle.exponent)
+    if cradle.departure_speed != 0.0:
+        e = min(1.0, max(0.0, e + departure(cradle.departure, v / cradle.departure_speed)))
+    return e
 
 
 @entry
@@ -138,7 +148,7 @@ def curve(cradle, table, m_eff, speeds, out):
 def equivalent_dissipation(cradle, table, m_eff, v):
     """The A at which a Kuwabara-Kono impact has the e of the cradle's law at speed v: a multi-body impact under
     any law is that of the Kuwabara-Kono chain with the same pair impact."""
-    if cradle.law == KUWABARA_KONO:
+    if cradle.law == KUWABARA_KONO and cradle.departure_speed == 0.0:
         return dissipation(cradle, m_eff, v)
     e = restitution(cradle, table, m_eff, v)
     low, high = 0.0, 100.0  # e(100) = 6e-4

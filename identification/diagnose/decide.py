@@ -15,7 +15,7 @@ import numpy as np
 
 from cradle_env.simulation import SimulationError
 from identification.diagnose.candidates import Candidate, is_strength, one_sided
-from identification.diagnose.fitted import Fitted
+from identification.diagnose.fitted import Fitted, Readings
 from identification.diagnose.score import Scored, family_p, surprise_of
 from identification.diagnose.search import Searcher
 from identification.fit import Progress
@@ -117,7 +117,11 @@ def judged(
 
 def coloured(fitted: Fitted) -> tuple[float, float]:
     """(inflation c of Δχ², effective number of readings) from the residuals that a fit leaves."""
-    residuals, at = fitted.residuals[: fitted.count], fitted.readings
+    return colour(fitted.residuals[: fitted.count], fitted.readings)
+
+
+def colour(residuals: np.ndarray, at: Readings) -> tuple[float, float]:
+    """`coloured`, from residuals (R,) over the noise and where they belong."""
     products, total = np.zeros(1), 0.0
     for k in np.unique(at.run):
         for bob in np.unique(at.bob[at.run == k]):

@@ -3,19 +3,18 @@
 from __future__ import annotations
 
 import functools
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
-from scipy.stats import truncnorm
-
 from cradle_env import __version__
 from cradle_env.cradle import Cradle
+from cradle_env.effects import LEARNED
 from identification.diagnose.advise import Advice
-from identification.diagnose.decide import coloured
 from identification.diagnose.fitted import Fitted
+from identification.diagnose.intervals import Interval, intervals
+from identification.diagnose.law import Law
+from identification.diagnose.law_shape import Shape, terms_of
 from identification.diagnose.repair import Repaired
 from identification.experiment import Experiment
 from identification.toml_file import toml_key, toml_text
@@ -25,25 +24,18 @@ VERDICTS = ("nothing_missing", "named", "equivalent", "unknown")
 
 
 @dataclass(frozen=True, eq=False)
-class Interval:
-    """An unknown's median and central 95 %."""
-
-    unit: str
-    median: float
-    ci95: tuple[float, float]
-
-
-@dataclass(frozen=True, eq=False)
 class Diagnosis:
     """The answer: `verdict`, and all that led to it.
 
-    experiment: as given; repaired: the models examined and the steps between them; final: the last model, fitted to
-    all that may be fitted; advice: the next experiment, None where nothing is open; warnings: what to know about
-    the readings.
+    experiment: as given; repaired: the models examined and the steps between them; law: what was learned of the
+    remainder, None where there is none or it predicts nothing; final: the last model, the law in it, fitted to all
+    that may be fitted; advice: the next experiment, None where nothing is open; warnings: what to know about the
+    readings.
     """
 
     experiment: Experiment
     repaired: Repaired
+    law: Law | None
     final: Fitted
     advice: Advice | None
     seed: int
@@ -53,6 +45,16 @@ class Diagnosis:
     def base(self) -> Fitted:
         """The fit of the model as given."""
         return self.repaired.examined[0].fitted
+
+    @property
+    def last(self) -> Fitted:
+        """The fit of the repaired model to the training part."""
+        return self.repaired.last.fitted if self.law is None else self.law.fitted
+
+    @functools.cached_property
+    def shape(self) -> Shape | None:
+        """The learned law as functions."""
+        return None if self.law is None else Shape(self.law, self.final)
 
     @property
     def verdict(self) -> str:
@@ -81,8 +83,8 @@ class Diagnosis:
 
     @functools.cached_property
     def gap_last(self) -> float:
-        """Held-out gap of the repaired model."""
-        return self.repaired.last.fitted.held_out_gap()
+        """Held-out gap of the repaired model, with the learned law where there is one."""
+        return self.last.held_out_gap()
 
     @functools.cached_property
     def parameters(self) -> dict[str, Interval]:
@@ -103,7 +105,7 @@ class Diagnosis:
             for name, found in self.parameters.items() if "." not in name and "@" not in name
         ]  # fmt: skip
         lines += ["[model]", f"base = {toml_text(cradle.model)}", f"effects = {toml_text([*cradle.effects])}"]
-        known = {name: dict(values) for name, values in cradle.effects.items() if values}
+        known = {name: _brief(name, values) for name, values in cradle.effects.items() if values}
         if known:
             lines += ["", "[model.parameters]"]
             lines += [f"{toml_key(name)} = {toml_text(values)}" for name, values in known.items()]
@@ -133,7 +135,7 @@ class Diagnosis:
                 "significant": last.significant,
                 "p": last.p,
                 "described": described(last.located.where) if last.significant else "",
-                "law": None,  # a learned law has its place here
+                "law": self._law(),
             },
             "removed": list(self.repaired.removed),
             "candidates": self._candidates(),
@@ -142,6 +144,20 @@ class Diagnosis:
                 for name, found in self.parameters.items()
             },
             "advice": None if self.advice is None else self.advice.content(),
+        }
+
+    def _law(self) -> dict[str, Any] | None:
+        if self.law is None or self.shape is None:
+            return None
+        return {
+            "terms": terms_of(self.law, self.parameters),
+            "words": self.shape.words(),
+            "energy_taken": {"unit": "J", "value": self.shape.energy_taken()},
+            "log_evidence": self.law.log_evidence,
+            "gap_before": self.law.before.held_out_gap(),
+            "gap_after": self.law.fitted.held_out_gap(),
+            "inner_gap_before": self.law.inner_before,
+            "inner_gap_after": self.law.inner_after,
         }
 
     def _step(self, step) -> dict[str, Any]:
@@ -178,20 +194,11 @@ class Diagnosis:
         return rows
 
 
-def intervals(fitted: Fitted) -> dict[str, Interval]:
-    """Medians and 95 % intervals by Laplace, inflated for residuals that are not white and cut at the bounds."""
-    inflation = coloured(fitted)[0]
-    deviations = np.sqrt(inflation * np.maximum(np.diag(fitted.covariance()), 1e-300))
-    found = {}
-    for u, z, sd in zip(fitted.likelihood.unknowns, fitted.point, deviations, strict=True):
-        low, high = (
-            (bound - z) / sd if math.isfinite(bound) else bound
-            for bound in ((math.log(u.low), math.log(u.high)) if u.log else (u.low, u.high))
-        )
-        quantiles = truncnorm.ppf((0.5, 0.025, 0.975), min(low, -1e-12), max(high, 1e-12), z, sd)
-        median, *ends = (float(u.value(q)) for q in quantiles)
-        found[u.name] = Interval(u.unit, median, (ends[0], ends[1]))
-    return found
+def _brief(name: str, values: Mapping[str, Any]) -> dict[str, Any]:
+    """The values of an effect; of a learned law one number where all bobs or pairs have the same, for any cradle."""
+    if all(name != learned.name for learned in LEARNED):
+        return dict(values)
+    return {key: v[0] if isinstance(v, tuple) and len(set(v)) == 1 else v for key, v in values.items()}
 
 
 def effect_parameters(parameters: Mapping[str, Interval], name: str) -> dict[str, Any]:

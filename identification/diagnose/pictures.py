@@ -8,6 +8,7 @@ import numpy as np
 
 from identification.diagnose.diagnosis import Diagnosis
 from identification.diagnose.fitted import Fitted
+from identification.diagnose.law_shape import Shape
 from identification.diagnose.repair import Examined
 from identification.fit import training_rows
 from identification.style import BLUE, GREEN, GREY, ORANGE, RED, quiet_grid, styled
@@ -18,6 +19,8 @@ if TYPE_CHECKING:
 
 #: Bobs shown at most, and the width of the close-up of the last swings [small-angle periods].
 _MOST_BOBS, _CLOSE_UP = 5, 4.0
+#: Curves of a law side by side.
+_ACROSS = 3
 
 
 @styled
@@ -119,11 +122,35 @@ def candidates_figure(diagnosis: Diagnosis) -> Figure:
 
 
 @styled
+def law_figure(shape: Shape) -> Figure:
+    """The functions of a learned law with their 95 % bands, over the range that the data visit."""
+    from matplotlib.figure import Figure
+
+    curves = shape.curves()
+    rows = -(-len(curves) // _ACROSS)
+    figure = Figure(figsize=(9.0, 2.6 * rows), layout="constrained")
+    grid = figure.subplots(rows, _ACROSS, squeeze=False).ravel()
+    for axes, curve in zip(grid, curves, strict=False):
+        axes.fill_between(curve.x, curve.y - curve.band, curve.y + curve.band, color=BLUE, alpha=0.25, linewidth=0)
+        axes.plot(curve.x, curve.y, color=BLUE, label="with the law")
+        if curve.without is not None:
+            axes.plot(curve.x, curve.without, color=GREY, linestyle="--", label="model without it")
+            axes.legend(loc="best")
+        axes.set_title(curve.title.replace(": ", ":\n"))
+        axes.set_xlabel(curve.x_label)
+        axes.set_ylabel(curve.y_label)
+        quiet_grid(axes)
+    for axes in grid[len(curves) :]:
+        axes.set_visible(False)
+    return figure
+
+
+@styled
 def comparison_figure(diagnosis: Diagnosis) -> Figure:
     """Before and after: the last swings with both models, and residuals over the whole run."""
     from matplotlib.figure import Figure
 
-    before, after = diagnosis.base, diagnosis.repaired.last.fitted
+    before, after = diagnosis.base, diagnosis.last
     held = training_rows(before.experiment)[1]
     k = next((k for k, rows in enumerate(held) if rows.any()), 0)
     run = before.experiment.runs[k]

@@ -9,7 +9,13 @@ from typing import Any
 
 from cradle_env.effects import effect
 from identification.diagnose.diagnosis import Diagnosis
-from identification.diagnose.pictures import candidates_figure, comparison_figure, energy_figure, map_figure
+from identification.diagnose.pictures import (
+    candidates_figure,
+    comparison_figure,
+    energy_figure,
+    law_figure,
+    map_figure,
+)
 from identification.files import json_text, write_together
 from identification.page import page
 from identification.style import png
@@ -32,6 +38,8 @@ def html(diagnosis: Diagnosis, content: Mapping[str, Any]) -> str:
         "candidates": candidates_figure(diagnosis),
         "comparison": comparison_figure(diagnosis),
     }
+    if diagnosis.shape is not None:
+        pictures["law"] = law_figure(diagnosis.shape)
     named = [*diagnosis.effects, *(name for names in diagnosis.equivalent for name in names)]
     return page(
         "diagnosis.html",
@@ -58,7 +66,26 @@ def html(diagnosis: Diagnosis, content: Mapping[str, Any]) -> str:
         pictures={name: base64.b64encode(png(figure)).decode() for name, figure in pictures.items()},
         model_toml=diagnosis.model_toml(),
         number=number,
+        law=_law(content["remainder"]["law"]),
     )  # fmt: skip
+
+
+def _law(law: Mapping[str, Any] | None) -> dict[str, Any] | None:
+    """A learned law as the page shows it."""
+    if law is None:
+        return None
+    terms = []
+    for term in law["terms"]:
+        rounding = Rounding.of(term["median"], 0.25 * (term["ci95"][1] - term["ci95"][0]))
+        interval = " to ".join(rounding.text(end) for end in term["ci95"])
+        unit = unit_markup(term["unit"], rounding.exponent)
+        terms.append({**term, "median": rounding.text(term["median"]), "interval": interval, "unit": unit})
+    gaps = {key: ratio(value) for key, value in law.items() if "gap" in key}
+    return {**law, **gaps, "terms": terms, "energy": _energy(law["energy_taken"]["value"])}
+
+
+def _energy(taken: float) -> str:
+    return f"{'take' if taken >= 0.0 else 'give'} {1e3 * abs(taken):.3g} mJ"
 
 
 _GAPS = ("gap_before", "gap_after", "train_before", "train_after")
@@ -78,7 +105,8 @@ def sentence(content: Mapping[str, Any]) -> str:
         sets = " or ".join(" with ".join(members) for members in content["equivalent"])
         certain = f"Missing from the model: {names}, and besides" if names else "Missing from the model:"
         return f"{certain} one of {sets}, which these data cannot tell apart; {gaps}.{rest}"
-    return f"Something is missing, and it is no effect of the catalogue.{rest}"
+    law = "" if left["law"] is None else f" With a law learned from the data, {gaps}."
+    return f"Something is missing, and it is no effect of the catalogue.{law}{rest}"
 
 
 def _digits(value: float | None) -> str:

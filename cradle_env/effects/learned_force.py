@@ -1,0 +1,71 @@
+"""A force on single bobs of which only its shape in the data is known."""
+
+import math
+
+import numpy as np
+
+from cradle_env.effects.declaration import Effect, Parameter, Values
+
+#: Speeds, in units of the scale: over which dry friction turns about; at which slow friction has half its value; and
+#: of the hump of friction that sticks. √(2e) makes that hump 1 high.
+DRY, SLOW, STICK, HUMP = 0.01, 0.1, 0.07, math.sqrt(2.0 * math.e)
+
+#: Each term's shape, x = θ/angle, u = v/speed, and its meaning; all but the last act along the swing.
+TERMS = {
+    "push": ("1", "a constant push"),
+    "even": ("x²", "a push by the square of the angle"),
+    "surge": ("u²", "a push by the square of the speed"),
+    "cubic": ("x³", "a push by the cube of the angle"),
+    "quintic": ("x⁵", "a push by the fifth power of the angle"),
+    "well": ("−x exp(−25 x²)", "a well about the middle of the swing"),
+    "dry": ("−tanh(100 u)", "dry friction"),
+    "slow": ("−u/(|u| + 0.1)", "friction that reaches its full value slowly"),
+    "stick": ("−√(2e) w exp(−w²), w = u/0.07", "friction at slow speeds alone"),
+    "square": ("−|u| u", "drag by the square of the speed"),
+    "cube": ("−u³", "drag by the cube of the speed"),
+    "wide": ("−x² u", "drag that grows by the square of the angle"),
+    "loaded": ("−x² tanh(100 u)", "dry friction that grows by the square of the angle"),
+    "radial": ("−u_r", "drag along the string"),
+}
+
+
+def force(t, r, theta, v_r, v_theta, parameters):
+    """(F_r, F_theta) [N]; parameters: angle [rad], speed [m/s], then the coefficient [N] of each of `TERMS`."""
+    p = parameters
+    x, u = theta / p[0], v_theta / p[1]
+    x2, size = x * x, abs(u)
+    total = p[2] + p[3] * x2 + p[4] * u * u + (p[5] + p[6] * x2) * x * x2
+    total -= u * (p[9] / (size + SLOW) + p[11] * size + p[12] * u * u + p[13] * x2)
+    if p[7] != 0.0:
+        total -= p[7] * x * math.exp(-25.0 * x2)
+    if p[10] != 0.0:
+        total -= p[10] * HUMP * (u / STICK) * math.exp(-((u / STICK) ** 2))
+    if p[8] != 0.0 or p[14] != 0.0:
+        total -= (p[8] + p[14] * x2) * math.tanh(u / DRY)
+    return -p[15] * v_r / p[1], total
+
+
+def has_dry_friction(values: Values) -> bool:
+    """Whether terms act that all but jump where the swing turns."""
+    return any(np.any(values.get(key, 0.0)) for key in ("dry", "loaded"))
+
+
+learned_force = Effect(
+    name="learned_force",
+    symbol="F(θ, v)",
+    acts_on="bob",
+    summary="a smooth force on each bob, by its angle and velocity; learned from data, it explains nothing",
+    equation="F = Σ c_k φ_k(θ/angle, v/speed)",
+    reference="a sparse library: Brunton, Proctor & Kutz, Proc. Natl. Acad. Sci. 113, 3932 (2016)",
+    energy="takes −F v, booked with the drag",
+    looks_like="whatever no effect of the catalogue explains",
+    parameters=(
+        Parameter("angle", "θ_s", "rad", "scale of angles", absent=math.nan, low=1e-6, high=10.0, scale=0.2),
+        Parameter("speed", "v_s", "m/s", "scale of speeds", absent=math.nan, low=1e-6, high=100.0, scale=0.3),
+        *(
+            Parameter(key, f"c_{key}", "N", f"{meaning}: {shape}", 0.0, -100.0, 100.0, 1e-3, each="bob")
+            for key, (shape, meaning) in TERMS.items()
+        ),
+    ),
+    force=force,
+)

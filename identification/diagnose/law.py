@@ -1,0 +1,159 @@
+"""A smooth law for what no effect of the catalogue explains: few terms of a fixed library, learned from the data.
+
+Terms are chosen in windows of time with start states of their own, where a force shows where it acts: the best subset
+of each size, and of them the one with the most evidence. The law is then fitted to the training part as one free run,
+and kept if it predicts: fitted to the first two thirds of the training part, it must do better on the rest of it than
+the model alone. What is held out is never looked at.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import hashlib
+import json
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from cradle_env.effects import LEARNED
+from cradle_env.simulation import SimulationError
+from identification.diagnose.candidates import without_effect
+from identification.diagnose.cut import windowed
+from identification.diagnose.decide import colour, coloured
+from identification.diagnose.fitted import Fitted
+from identification.diagnose.search import Searcher, placed
+from identification.diagnose.terms import Linear, Scales, Term, extended
+from identification.experiment import Experiment
+from identification.fit import Progress, refine, training_rows
+
+#: Terms at most, evaluations of a refit, and the part of the training time that an inner prediction is fitted to.
+_MOST, _EVALUATIONS, _INNER = 10, 20, 2.0 / 3.0
+
+
+@dataclass(frozen=True, eq=False)
+class Law:
+    """A learned law: the model without it and with it, both fitted to the training part; its terms; gaps of the inner
+    prediction without and with it."""
+
+    before: Fitted
+    fitted: Fitted
+    terms: tuple[Term, ...]
+    inner_before: float
+    inner_after: float
+
+    @functools.cached_property
+    def log_evidence(self) -> float:
+        """Over the model without it."""
+        return log_evidence(self.before, self.fitted)
+
+
+def learn(fitted: Fitted, searcher: Searcher, tell: Progress) -> Law | None:
+    """The law that a fitted model lacks; None where none predicts better than the model alone, or with so
+    many unknowns more that it explains nothing."""
+    if any(fitted.cradle.has(declared.name) for declared in LEARNED) or "b" not in fitted.likelihood.names:
+        return None
+    tell("law", 0.0, "window by window")
+    scales = scales_of(fitted)
+    linear = Linear.of(windowed(fitted), scales)
+    tell("law", 0.4, "which terms")
+    part = inner(fitted.experiment)
+    alone = _free(fitted, searcher, part, scales, (), {}).held_out_gap()
+    for i, subset in enumerate(choices(linear)):
+        tell("law", 0.6 + 0.1 * i, f"prediction with {len(subset)} terms")
+        terms, values = tuple(map(linear.term, subset)), linear.values(subset)
+        try:
+            gap = _free(fitted, searcher, part, scales, terms, values).held_out_gap()
+            if gap < alone:
+                law = Law(fitted, _free(fitted, searcher, fitted.experiment, scales, terms, values), terms, alone, gap)
+                if law.log_evidence > 0.0:
+                    return law
+        except SimulationError:  # a law under which the cradle cannot swing
+            continue
+    return None
+
+
+def choices(linear: Linear) -> list[tuple[int, ...]]:
+    """The best subset of all sizes, then those of the path with half as many terms, and a quarter."""
+    path, best = linear.path(_MOST), chosen(linear)
+    sizes = dict.fromkeys(len(best) // k for k in (2, 4))
+    return [best, *(path[size - 1] for size in sizes if 0 < size < len(best))] if best else []
+
+
+def chosen(linear: Linear) -> tuple[int, ...]:
+    """The subset of the path with the most evidence, without terms that lessen it; () where none has any."""
+    path = linear.path(_MOST)
+    if not path:
+        return ()
+    left = linear.solved(path[-1])[0]
+    evidence = functools.partial(_evidence, linear, *colour(left[: linear.fitted.count], linear.fitted.readings))
+    best = max([(), *path], key=evidence)
+    while best:
+        fewer = max((tuple(j for j in best if j != i) for i in best), key=evidence)
+        if evidence(fewer) <= evidence(best):
+            break
+        best = fewer
+    return best
+
+
+def _evidence(linear: Linear, inflation: float, effective: float, subset: tuple[int, ...]) -> float:
+    return linear.log_evidence(subset, inflation, effective)
+
+
+def _free(
+    fitted: Fitted, searcher: Searcher, experiment: Experiment, scales: Scales, terms: tuple[Term, ...],
+    values: dict[str, float],
+) -> Fitted:  # fmt: skip
+    """The fit as one free run, near the values found in windows: a free run alone would bend terms to its drift."""
+    likelihood = searcher.likelihood(extended(experiment, scales, terms))
+    key = _key([term.name for term in terms], fitted.point.tolist(), experiment.digest)
+    start = placed(likelihood, {**fitted.values, **values})
+    return Fitted(likelihood, searcher.store.point(key, lambda: refine(likelihood, start, _EVALUATIONS)[0]))
+
+
+def still_needed(fitted: Fitted, name: str, searcher: Searcher, tell: Progress) -> float:
+    """Log evidence of an effect over the law that would stand in its place; it is needed unless that is below −CLOSE:
+    the library holds the like of some effects, and a law that only copies an effect comes out near 0.
+
+    fitted: a model with the effect among those added to its base. The effect is taken out, a law may be learned of
+    what is then left, and both models are compared on the training part, their unknowns counted. A law has some
+    dozens of terms to choose from, which this does not count: it is the law that is favoured, not the effect.
+    """
+    without = searcher.nearby(without_effect(fitted.experiment, name), fitted.values)
+    law = learn(without, searcher, tell)
+    rival = without if law is None else law.fitted
+    inflation, effective = coloured(min((fitted, rival), key=lambda one: one.chi2))
+    return 0.5 * ((rival.chi2 - fitted.chi2) / inflation - (len(fitted.point) - len(rival.point)) * math.log(effective))
+
+
+def scales_of(fitted: Fitted) -> dict[str, float]:
+    """angle [rad] and speed [m/s]: the largest of the readings fitted, and that of a swing of this size."""
+    largest = 0.0
+    for run, rows in zip(fitted.experiment.runs, fitted.likelihood.rows, strict=True):
+        if rows.any():
+            unit = 1.0 if run.quantity == "theta" else fitted.cradle.length
+            largest = max(largest, float(np.nanmax(np.abs(run.readings[rows]))) / unit)
+    return {"angle": largest, "speed": largest * math.sqrt(fitted.cradle.gravity * fitted.cradle.length)}
+
+
+def inner(experiment: Experiment) -> Experiment:
+    """The training part alone, the last third of its time held out: this extrapolates as the whole does."""
+    runs = []
+    for run, rows in zip(experiment.runs, training_rows(experiment)[0], strict=True):
+        if rows.any():
+            times = run.times[rows]
+            split = float(times[0] + _INNER * (times[-1] - times[0]))
+            runs.append(dataclasses.replace(run, times=times, readings=run.readings[rows], fit_to=split))
+    return dataclasses.replace(experiment, runs=tuple(runs), digest="inner")
+
+
+def log_evidence(before: Fitted, after: Fitted) -> float:
+    """Of a model over another that is nested in it: ½ (Δχ²/c − k ln n_eff), see `decide`."""
+    inflation, effective = coloured(after)
+    more = len(after.point) - len(before.point)
+    return 0.5 * ((before.chi2 - after.chi2) / inflation - more * math.log(effective))
+
+
+def _key(*what: object) -> str:
+    return hashlib.sha256(json.dumps(["law", *what]).encode()).hexdigest()[:20]
