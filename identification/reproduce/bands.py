@@ -19,7 +19,7 @@ from identification.reproduce.sweeps import COLOURS, PARAMETERS
 from identification.runs import ReleaseInfo, Run
 from identification.style import quiet_grid
 
-_DRAWS = 30
+_DRAWS = 24
 #: What a parameter of a sweep sets instead of the posterior.
 _SETS = {"alpha": "k_f", "beta": "kappa", "delta": "delta"}
 # The example: a short film by a slow camera, so that there is an uncertainty to see.
@@ -49,21 +49,22 @@ def _data(study: Study) -> Tables:
     calibrated = posterior.experiment.cradle_of(posterior.experiment.runs[0])
     tables: dict[str, dict[str, np.ndarray]] = {"draws": dict(drawn)}
     for parameter in PARAMETERS:
-        values = np.linspace(parameter.low, parameter.high, parameter.denser * max(8, study.values // 10))
+        count = study.values // 2 if parameter.denser > 1 else max(8, study.values // 10)
+        values = np.linspace(parameter.low, parameter.high, count)
         kept = {name: column for name, column in drawn.items() if name != _SETS.get(parameter.name)}
         columns = {parameter.name: values}
         for bobs in BOBS:
             law = (PUBLISHED_ALPHA, PUBLISHED_N) if parameter.name == "alpha" else calibrated.power_law
             cradle = calibrated.replace(bobs=bobs, delta=float(np.mean(calibrated.delta)), power_law=law)
             swept = study.sweep(f"{parameter.name}-N{bobs}", {"draw": kept, parameter.name: values}, cradle)
-            q = np.nanquantile(swept["lambda"], (0.025, 0.16, 0.5, 0.84, 0.975), axis=0)
+            q = np.nanquantile(swept["lambda"], (0.0, 0.16, 0.5, 0.84, 1.0), axis=0)
             for label, column in zip(_LABELS, q, strict=True):
                 columns[f"lambda {label}, N = {bobs} [1/s]"] = column
         tables[parameter.name] = columns
     return tables
 
 
-_LABELS = ("95 % low", "68 % low", "median", "68 % high", "95 % high")
+_LABELS = ("least", "68 % low", "median", "68 % high", "greatest")
 
 
 def _draw(tables: Tables) -> matplotlib.figure.Figure:
@@ -72,10 +73,10 @@ def _draw(tables: Tables) -> matplotlib.figure.Figure:
         table = tables[parameter.name]
         x = table[parameter.name]
         for bobs in BOBS:
-            low95, low68, middle, high68, high95 = (table[f"lambda {label}, N = {bobs} [1/s]"] for label in _LABELS)
-            axes.fill_between(x, low95, high95, color=COLOURS[bobs], alpha=0.25, linewidth=0)
-            axes.fill_between(x, low68, high68, color=COLOURS[bobs], alpha=0.45, linewidth=0)
-            axes.plot(x, middle, color=COLOURS[bobs], linewidth=0.8, label=f"N = {bobs}: median, 68 and 95 %")
+            least, low, middle, high, greatest = (table[f"lambda {label}, N = {bobs} [1/s]"] for label in _LABELS)
+            axes.fill_between(x, least, greatest, color=COLOURS[bobs], alpha=0.25, linewidth=0)
+            axes.fill_between(x, low, high, color=COLOURS[bobs], alpha=0.45, linewidth=0)
+            axes.plot(x, middle, color=COLOURS[bobs], linewidth=0.8, label=f"N = {bobs}: median, 68 % and all draws")
         axes.set(title=f"({letter})", xlabel=parameter.symbol, ylabel="λ [s$^{-1}$]", ylim=(0.0, None))
         quiet_grid(axes)
         if letter == "a":

@@ -39,7 +39,7 @@ def _conserved(study: Study) -> dict[str, np.ndarray]:
     return {"N": bobs, **{f"E/E0, {model}": np.array(shares) for model, shares in columns.items()}}
 
 
-def _budget(run: Trajectory) -> tuple[float, float, float, float, float]:
+def _budget(run: Trajectory) -> tuple[float, ...]:
     """(t [s], what is left of E0, and what impacts, drag and strings took of it) at synchronization; nan if never."""
     k = synchronized(run)
     if k is None:

@@ -117,13 +117,14 @@ def _draw(tables: Tables) -> matplotlib.figure.Figure:
 
 def _draw_post_collision(axes, table: Table) -> None:
     v = table["impact velocity [m/s]"]
-    for (name, style), i in zip(zip(_GAPS, ("-", ":"), strict=True), (0, 1), strict=True):
-        for bob, colour in zip((3, 2, 1), (RED, GREEN, BLUE), strict=True):
-            label = f"{('hit by', 'middle', 'far end')[3 - bob]}" if i == 0 else None
-            axes.plot(v, table[f"bob {bob}, {name} [m/s]"], color=colour, linestyle=style, label=label)
-    axes.plot([], [], color=BLACK, linestyle=":", label="40 nm apart: two at a time")
-    axes.set(xlabel="impact velocity [m/s]", ylabel="velocity after [m/s]", title="(a) three balls in touch")
-    axes.legend(["striking ball", "middle ball", "far ball", "gaps of 40 nm"])
+    for bob, colour, which in ((3, RED, "striking ball"), (2, GREEN, "middle ball"), (1, BLUE, "far ball")):
+        for name, dashes in zip(_GAPS, ("-", ":"), strict=True):
+            label = which if dashes == "-" else None
+            axes.plot(v, table[f"bob {bob}, {name} [m/s]"], color=colour, linestyle=dashes, label=label)
+    axes.plot([], [], color=BLACK, linestyle=":", label="gaps of 40 nm: two at a time")
+    axes.set(xlabel="impact velocity [m/s]", ylabel="velocity after [m/s]")
+    axes.set_title("(a) three balls in touch, one strikes")
+    axes.legend()
     quiet_grid(axes)
 
 

@@ -84,8 +84,8 @@ def saturation(tables: Tables) -> Claim:
         "4.2, Fig. 8c",
         len(level) == len(grown),
         f"growth of λ from γ = {0.5 * table['gamma'][-1]:.3f} to {table['gamma'][-1]:.3f} (N = 2, 3, 5): {words}",
-        f"radial motion does not resonate ({'; '.join(level)}: less than {100 * _LEVEL:.0f} % for all N); β = 0.114 lies"
-        " beside the resonance of n = 9, which wide swings reach",
+        f"radial motion does not resonate ({'; '.join(level)}: less than {100 * _LEVEL:.0f} % for all N); β = 0.114"
+        " lies beside the resonance of n = 9, which wide swings reach",
         bool(level),
     )
 
@@ -137,7 +137,7 @@ def beating(tables: Tables) -> Claim:
     for bobs in BOBS:
         delta, _, sigma = sigma_map(tables[f"delta-N{bobs}"])
         again = rebound(sigma)
-        centre = float(again[np.abs(delta) < 3e-5].max())
+        centre = float(again[np.argmin(np.abs(delta))])
         ends = [float(np.median(again[np.abs(delta - end) < 1e-3])) for end in (delta[0], delta[-1])]
         beats.append(min(ends) > 0.03)
         still.append(centre < 0.02)

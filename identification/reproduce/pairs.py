@@ -15,7 +15,7 @@ from identification.style import quiet_grid
 _BETA = (0.08, 0.26)
 _SECOND = {"delta": ("δ", -4e-3, 4e-3), "gamma": ("γ", 1e-3, 0.05)}
 #: By number of bobs, how many values of β there are for one asked, and of the second parameter.
-_DENSITY = {2: (1.0, 0.2), 5: (0.5, 0.1)}
+_DENSITY = {2: (1.0, 0.125), 5: (0.4, 0.0625)}
 
 
 def _data(study: Study) -> Tables:
