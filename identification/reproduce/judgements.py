@@ -6,10 +6,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from cradle_env.cradle import STANDARD_BETA
 from identification.reproduce.figure import BOBS, Claim, Figure, Tables
 from identification.reproduce.impacts import PUBLISHED_N
+from identification.reproduce.resonance import linear_ratio
 from identification.reproduce.sweeps import (
     GAMMA_VARIANTS,
+    OFF_RESONANCE,
     PUBLISHED_LEAST,
     STARTS,
     ZOOM,
@@ -65,8 +68,8 @@ def monotone(tables: Tables) -> Claim:
 def growth(gamma: np.ndarray, rate: np.ndarray) -> float:
     """By what share λ grows over the upper half of γ: medians of the last and the middle tenth."""
     tenth = len(gamma) // 10
-    middle = len(gamma) // 2
-    return float(np.median(rate[-tenth:]) / np.median(rate[middle - tenth // 2 : middle + tenth // 2]) - 1.0)
+    start = (len(gamma) - tenth) // 2
+    return float(np.median(rate[-tenth:]) / np.median(rate[start : start + tenth]) - 1.0)
 
 
 def saturation(tables: Tables) -> Claim:
@@ -76,6 +79,7 @@ def saturation(tables: Tables) -> Claim:
         variant: [growth(table["gamma"], table[column(bobs, variant)]) for bobs in BOBS] for variant in GAMMA_VARIANTS
     }
     level = [variant for variant, shares in grown.items() if np.abs(shares).max() < _LEVEL]
+    standard, away = linear_ratio(np.array([STANDARD_BETA, OFF_RESONANCE]))
     words = "; ".join(
         f"{variant}: {', '.join(f'{100 * share:+.0f}' for share in shares)} %" for variant, shares in grown.items()
     )
@@ -83,9 +87,10 @@ def saturation(tables: Tables) -> Claim:
         "λ saturates with γ",
         "4.2, Fig. 8c",
         len(level) == len(grown),
-        f"growth of λ from γ = {0.5 * table['gamma'][-1]:.3f} to {table['gamma'][-1]:.3f} (N = 2, 3, 5): {words}",
-        f"radial motion does not resonate ({'; '.join(level)}: less than {100 * _LEVEL:.0f} % for all N); β = 0.114"
-        " lies beside the resonance of n = 9, which wide swings reach",
+        f"ω_r/ω_θ = {standard:.2f} at the standard set,"
+        f" {away:.2f} off resonance; growth of λ from γ = {0.5 * table['gamma'][-1]:.3f} to {table['gamma'][-1]:.3f}"
+        f" (N = 2, 3, 5): {words}",
+        f"strings and start are: {'; '.join(level)} (less than {100 * _LEVEL:.0f} % for all N)",
         bool(level),
     )
 

@@ -1,9 +1,10 @@
 """Resonances in β, explained: where the peaks of λ lie, and which ratio of angular to radial period each belongs to.
 
-A bob is loaded once a period, while it swings through; its strings ring at ω_r. Where ω_r is a multiple n of ω_θ each
-load meets the ripple of the last in phase, and the ripple grows. The two bobs are loaded half a period apart: for odd
-n they ripple in antiphase, meet at different heights, and the oblique impact turns swing into ripple, which the strings
-take; for even n they meet at equal heights.
+A bob loads its strings once a period, while it swings through, the other one half a period later: what drives their
+difference in height has only odd harmonics of ω_θ. An impact of bobs at different heights is oblique; it pushes the
+higher one up and the lower one down, twice a period. An oscillator kicked so resonates wherever its frequency ω_r is a
+multiple n of ω_θ. Odd n are driven by both, even n by the kicks alone. Either way the bobs ripple in antiphase, and
+oblique impacts turn swing into ripple, which the strings take.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ import matplotlib.figure
 import numpy as np
 
 from cradle_env.cradle import Cradle, Release
+from cradle_env.simulation import simulate
 from cradle_env.trajectory import Trajectory
 from identification.reproduce.figure import ANGLE, BEYOND, Claim, Figure, Study, Table, Tables
 from identification.reproduce.sweeps import ELASTIC
@@ -27,6 +29,7 @@ ANGLES = (0.15, ANGLE, 0.4, 0.6)
 PROMINENCE = 0.03
 # The impacts whose obliqueness counts are those of the first seconds [s].
 _EARLY = 20.0
+_RIPPLE_RATE = 960.0
 _MAIN = "N = 2, hanging"
 
 
@@ -36,8 +39,19 @@ def _obliqueness(run: Trajectory) -> float:
 
     t = run.impacts["time"][(run.impacts["pair"] == 1) & (run.impacts["time"] < _EARLY)]
     z = -run.r[:, :2] * np.cos(run.theta[:, :2])
-    heights = CubicSpline(run.t, z)(t)
-    return float(np.sqrt(np.mean((np.diff(heights, axis=1) / (2.0 * run.cradle.radius)) ** 2)))
+    step = CubicSpline(run.t, z[:, 1] - z[:, 0])(t)
+    return float(np.sqrt(np.mean(step**2)) / (2.0 * run.cradle.radius))
+
+
+def in_step(beta: float) -> float:
+    """Correlation of the ripples of bobs 1 and 2 from 2 s on: 1 in phase, −1 in antiphase."""
+    from scipy.ndimage import uniform_filter1d
+
+    cradle = Cradle.from_groups(bobs=2, beta=beta)
+    run = simulate(cradle, Release(angle=ANGLE, start="hanging"), _EARLY, _RIPPLE_RATE)
+    one = round(_RIPPLE_RATE * beta * cradle.period)
+    ripple = (run.r - uniform_filter1d(run.r, one, axis=0))[run.t > 2.0]
+    return float(np.corrcoef(ripple.T)[0, 1])
 
 
 _QUANTITIES = ("lambda", Quantity("obliqueness", "φ", "rad", "of early impacts", _obliqueness))
@@ -100,6 +114,7 @@ def _located(table: Table) -> dict[str, np.ndarray]:
         "omega_r over omega_theta": ratio,
         "n": np.rint(ratio),
         "prominence [1/s]": height,
+        "correlation of ripples": np.array([in_step(1.0 / x) for x in where]),
     }
 
 
@@ -189,11 +204,20 @@ def _claims(tables: Tables) -> Sequence[Claim]:
             f" {off.mean():+.3f} on average, {np.abs(off).max():.3f} off at most (chance: 0.25 on average)",
         ),
         Claim.judged(
-            "odd n are stronger than the even ones beside them: the bobs ripple in antiphase when they meet",
+            "odd n are stronger than the even ones beside them: swings load both bobs' strings alike in even harmonics",
             BEYOND,
             bool(np.all(main[odd, 1] > beside)),
             "prominence in λ [10⁻³ 1/s]: "
             + ", ".join(f"{1e3 * height:.1f} (n = {n})" for n, height in zip(orders, main[:, 1], strict=True)),
+        ),
+        Claim.judged(
+            "at resonance the two bobs ripple in antiphase",
+            BEYOND,
+            bool(np.all(found["correlation of ripples"] < -0.9)),
+            "correlation of their ripples, "
+            + ", ".join(
+                f"{c:.2f} (n = {n:.0f})" for c, n in zip(found["correlation of ripples"], found["n"], strict=True)
+            ),
         ),
         Claim.judged(
             "without hysteresis strings do not wear in, bobs hang higher, and each peak moves to larger 1/β",

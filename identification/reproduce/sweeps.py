@@ -40,15 +40,16 @@ PARAMETERS = (
 ZOOM = Parameter("delta-zoom", "δ", -5e-4, 5e-4, 0.0)
 STARTS = ("unstretched", "hanging")
 ELASTIC = {"-string_hysteresis": {}}
+OFF_RESONANCE = 0.097
 #: Strings and starts for which λ is followed over γ: start, and what differs from the standard cradle. β = 0.114 is
-#: next to the resonance of n = 9; β = 0.097 lies between two.
+#: next to the resonance of n = 9; OFF_RESONANCE lies between two.
 GAMMA_VARIANTS = {
     "unstretched": ("unstretched", {}),
     "hanging": ("hanging", {}),
     "unstretched, elastic": ("unstretched", {"effects": ELASTIC}),
     "hanging, elastic": ("hanging", {"effects": ELASTIC}),
-    "unstretched, off resonance": ("unstretched", {"beta": 0.097}),
-    "hanging, off resonance": ("hanging", {"beta": 0.097}),
+    "unstretched, off resonance": ("unstretched", {"beta": OFF_RESONANCE}),
+    "hanging, off resonance": ("hanging", {"beta": OFF_RESONANCE}),
     "rigid": ("hanging", {"model": "pendulum"}),
 }
 COLOURS = dict(zip(BOBS, (BLUE, RED, GREEN), strict=True))
