@@ -15,6 +15,28 @@ from typing import Annotated, Any
 
 import typer
 
+from identification.options import (
+    KF,
+    Angle,
+    B,
+    Beta,
+    Bobs,
+    Delta,
+    Duration,
+    Effects,
+    Kappa,
+    Lifted,
+    Model,
+    NoWorkers,
+    Out,
+    SampleRate,
+    Seed,
+    Settings,
+    Source,
+    Start,
+    Workers,
+)
+
 _USAGE_ERROR: Any = typer.BadParameter.__mro__[1]  # click's, or typer's own copy of it
 _UNUSABLE = (ValueError, FileNotFoundError, FileExistsError, PermissionError, IsADirectoryError, NotADirectoryError)
 
@@ -23,11 +45,6 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     help="Newton's cradle: simulate it, calibrate it against a measurement, predict how fast it synchronizes.",
 )
-
-Out = Annotated[Path, typer.Option("--out", metavar="DIR", help="Folder for the results; made if need be.")]
-Seed = Annotated[int, typer.Option("--seed", min=0, help="Seed of all random numbers.")]
-Workers = Annotated[int | None, typer.Option("--workers", min=1, help="Threads; all cores where omitted.")]
-_Unused = Annotated[int | None, typer.Option("--workers", hidden=True)]
 
 
 class _InterruptedError(Exception):
@@ -65,7 +82,7 @@ def new(
     ] = None,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace a file that exists.")] = False,
     seed: Annotated[int, typer.Option("--seed", hidden=True)] = 0,
-    workers: _Unused = None,
+    workers: NoWorkers = None,
 ) -> None:
     """Write a first experiment.toml for a data file, with guesses from the data to check and correct."""
     from identification.scaffold import scaffold
@@ -77,33 +94,21 @@ def new(
 @app.command()
 def simulate(
     out: Out,
-    bobs: Annotated[int | None, typer.Option(help="Number of bobs. [default: 5]", show_default=False)] = None,
-    delta: Annotated[
-        str | None, typer.Option(metavar="NUMBER", help="δ = d/2R − 1, or one per gap as 0,0.001. [default: 0]")
-    ] = None,
-    release_angle: Annotated[float | None, typer.Option(help="rad. [default: 0.228]", show_default=False)] = None,
-    lifted: Annotated[int | None, typer.Option(help="Bobs lifted together. [default: 1]", show_default=False)] = None,
-    start: Annotated[str | None, typer.Option(help="unstretched | hanging: the lifted bobs' strings.")] = None,
-    model: Annotated[str | None, typer.Option(help="ho | pendulum | nsp. [default: nsp]", show_default=False)] = None,
-    beta: Annotated[float | None, typer.Option(help="β, which sets κ. [default: 0.114]", show_default=False)] = None,
-    kappa: Annotated[float | None, typer.Option(help="κ in N/m, instead of β.", show_default=False)] = None,
-    k_f: Annotated[float | None, typer.Option("--k-f", help="k_f in N s m^-3/2.", show_default=False)] = None,
-    b: Annotated[float | None, typer.Option("--b", help="Linear drag in kg/s.", show_default=False)] = None,
-    effect: Annotated[
-        list[str] | None,
-        typer.Option(metavar="NAME.KEY=VALUE", help="An effect's parameter; =-NAME takes one out. Repeat at will."),
-    ] = None,
-    set_: Annotated[
-        list[str] | None,
-        typer.Option("--set", metavar="FIELD=VALUE", help="Any field of Cradle, as length=0.25. Repeat at will."),
-    ] = None,
-    source: Annotated[
-        Path | None,
-        typer.Option("--from", metavar="FILE", help="Take cradle and first release from an experiment.toml;"
-                     " the options above then change them."),
-    ] = None,
-    duration: Annotated[float, typer.Option(help="s")] = 60.0,
-    sample_rate: Annotated[float, typer.Option(help="1/s")] = 240.0,
+    bobs: Bobs = None,
+    delta: Delta = None,
+    release_angle: Angle = None,
+    lifted: Lifted = None,
+    start: Start = None,
+    model: Model = None,
+    beta: Beta = None,
+    kappa: Kappa = None,
+    k_f: KF = None,
+    b: B = None,
+    effect: Effects = None,
+    set_: Settings = None,
+    source: Source = None,
+    duration: Duration = 60.0,
+    sample_rate: SampleRate = 240.0,
     experiment: Annotated[
         bool,
         typer.Option("--experiment", help="Also write experiment.toml with run1.csv, for calibrate: what the model's"
@@ -111,7 +116,7 @@ def simulate(
     ] = False,
     noise: Annotated[float, typer.Option(help="rad, 1 sigma of a reading, with --experiment.")] = 1e-3,
     seed: Seed = 0,
-    workers: _Unused = None,
+    workers: NoWorkers = None,
 ) -> None:  # fmt: skip
     """Simulate one run: trajectory.csv, impacts.csv, summary.json and run.png."""
     from identification import commands
@@ -206,11 +211,68 @@ def reproduce(
 
 
 @app.command()
+def sweep(
+    out: Out,
+    over: Annotated[
+        list[str] | None,
+        typer.Option(metavar="NAME=VALUES", help="An axis: FIRST:LAST:COUNT, with :log evenly in the logarithm, or"
+                     " numbers as 2,3,5. NAME: a field of Cradle, alpha, beta, gamma, delta,"
+                     " release_angle, lifted, or EFFECT.KEY. Repeat for a grid."),
+    ] = None,
+    quantity: Annotated[
+        list[str] | None,
+        typer.Option(help="lambda | synchronization_time | energy_share | overtaking_time |"
+                     " impacts | sigma. Repeat at will.",
+                     show_default="lambda"),
+    ] = None,
+    times: Annotated[
+        str | None, typer.Option(metavar="VALUES", help="s, of σ(t), like an axis.", show_default="every second")
+    ] = None,
+    table: Annotated[str, typer.Option(metavar="NAME", help="In DIR; ends in .csv, .parquet or .nc.")] = "sweep.csv",
+    explore: Annotated[
+        bool, typer.Option("--explore", help="Also write explore.html, a page with a slider for each axis and the"
+                           " cradle in motion. Without --over, for β and δ.")
+    ] = False,
+    bobs: Bobs = None,
+    delta: Delta = None,
+    release_angle: Angle = None,
+    lifted: Lifted = None,
+    start: Start = None,
+    model: Model = None,
+    beta: Beta = None,
+    kappa: Kappa = None,
+    k_f: KF = None,
+    b: B = None,
+    effect: Effects = None,
+    set_: Settings = None,
+    source: Source = None,
+    duration: Duration = 60.0,
+    sample_rate: SampleRate = 240.0,
+    seed: Annotated[int, typer.Option("--seed", hidden=True)] = 0,
+    workers: Workers = None,
+) -> None:  # fmt: skip
+    """Simulate a grid of cradles: a table of λ and more, sweep.png and sweep.json.
+
+    The same command goes on where it was interrupted.
+    """
+    from identification import commands
+    from identification.sweep import command
+
+    fields = {"bobs": bobs, "model": model, "beta": beta, "kappa": kappa, "k_f": k_f, "b": b}
+    cradle, release = commands.described(
+        source, fields, delta, effect or [], set_ or [], angle=release_angle, lifted=lifted, start=start
+    )
+    asked = command.Asked(tuple(over or ()), tuple(quantity or ("lambda",)), times, table, explore)
+    with _kept(f"{out / 'runs.npy'} holds the runs that were finished, and the same command goes on from there"):
+        command.run(cradle, release, asked, duration, sample_rate, out, seed, workers)
+
+
+@app.command()
 def bench(
     out: Annotated[Path | None, typer.Option("--out", metavar="DIR", help="Folder for bench.json.")] = None,
     duration: Annotated[float, typer.Option(min=1.0, help="Simulated time of each race, s.")] = 20.0,
     seed: Annotated[int, typer.Option("--seed", hidden=True)] = 0,
-    workers: _Unused = None,
+    workers: NoWorkers = None,
 ) -> None:
     """Measure speed and accuracy against SciPy on this machine, on one core, as ratios."""
     from identification.bench import run

@@ -15,6 +15,7 @@ import numpy as np
 from cradle_env import simulation
 from cradle_env.cradle import STANDARD_BETA, Cradle, Release
 from cradle_env.errors import check_range, unknown_key
+from cradle_env.model_files import read_model
 from identification import results
 from identification.experiment import Experiment
 from identification.measurement import Instrument
@@ -52,6 +53,9 @@ def described(
     elif values.get("bobs", cradle.bobs) != cradle.bobs and isinstance(cradle.delta, tuple):
         raise ValueError(f"{source} has one delta per gap; give --delta for {values['bobs']} bobs")
     values |= dict(_setting(text) for text in settings)
+    if str(values.get("model", "")).endswith(".toml"):
+        values["model"], values["effects"] = read_model(Path(values["model"]))
+        cradle = cradle.replace(model=values["model"], effects=values["effects"])
     if effects:
         values["effects"] = _with_effects(cradle, effects)
     beta = values.pop("beta", None)

@@ -9,14 +9,20 @@ from identification.experiment import Experiment
 
 def page(template: str, work: str, experiment: Experiment, **content: Any) -> str:
     """The page of a template, headed by what was done ("Calibration") and to which experiment."""
-    from jinja2 import Environment, PackageLoader, StrictUndefined
-
-    environment = Environment(loader=PackageLoader("identification"), autoescape=True, undefined=StrictUndefined)
     path = experiment.path
-    return environment.get_template(template).render(
+    return render(
+        template,
         title=f"{work} of {'a cradle' if path is None else f'{path.resolve().parent.name}/{path.name}'}",
         cradle=experiment.cradle,
         runs=experiment.runs,
         effects=[effect.name for effect in experiment.cradle.composition],
         **content,
     )
+
+
+def render(template: str, **content: Any) -> str:
+    """The page of a template that needs no experiment."""
+    from jinja2 import Environment, PackageLoader, StrictUndefined
+
+    environment = Environment(loader=PackageLoader("identification"), autoescape=True, undefined=StrictUndefined)
+    return environment.get_template(template).render(**content)

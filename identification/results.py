@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import os
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -15,36 +13,12 @@ from cradle_env.cradle import Cradle, Release
 from cradle_env.synchronization import ENVELOPE_PERIODS, WINDOW
 from cradle_env.trajectory import Trajectory
 from identification.csv_data import csv_text
-from identification.files import json_text
+from identification.files import write, write_json
 from identification.posterior import Posterior, Prediction
 from identification.style import png
 
 #: Told before each picture: how much is done, and what comes.
 Tell = Callable[[float, str], None]
-
-
-@contextmanager
-def replacing(path: Path) -> Iterator[Path]:
-    """A temporary path beside `path`, which takes its place when all went well."""
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.part")
-    try:
-        yield temporary
-        os.replace(temporary, path)
-    finally:
-        temporary.unlink(missing_ok=True)
-
-
-def write(path: Path, content: str | bytes) -> Path:
-    """Writes a file, whole or not at all; makes its folder."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with replacing(path) as temporary:
-        temporary.write_bytes(content.encode() if isinstance(content, str) else content)
-    return path
-
-
-def write_json(path: Path, content: Mapping[str, Any]) -> Path:
-    """Writes JSON; what is not finite becomes null."""
-    return write(path, json_text(content))
 
 
 def table_text(columns: Mapping[str, np.ndarray]) -> str:

@@ -86,6 +86,20 @@ def calibrated(pair, tmp_path_factory):
         (["predict", ".", "--out", "o"], "posterior.nc"),
         (["predict", "none", "--out", "o"], "no posterior there"),
         (["predict", "file.txt", "--out", "o"], "not a posterior"),
+        (["sweep", "--out", "o"], "no axis to sweep over"),
+        (["sweep", "--out", "o", "--over", "beta"], "NAME=VALUES"),
+        (["sweep", "--out", "o", "--over", "bta=1,2"], "did you mean 'beta'?"),
+        (["sweep", "--out", "o", "--over", "beta=1:2"], "FIRST:LAST:COUNT"),
+        (["sweep", "--out", "o", "--over", "beta=0.1:0.2:0"], "0 values"),
+        (["sweep", "--out", "o", "--over", "delta=-1:1:3:log"], "positive"),
+        (["sweep", "--out", "o", "--over", "beta=1,two"], "numbers as 2,3,5"),
+        (["sweep", "--out", "o", "--over", "beta=1", "--over", "beta=2"], "given twice"),
+        (["sweep", "--out", "o", "--over", "beta=0.1", "--quantity", "lamda"], "did you mean 'lambda'?"),
+        (["sweep", "--out", "o", "--over", "beta=0.1", "--times", "0,61"], "times is 61 s"),
+        (["sweep", "--out", "o", "--over", "beta=0.1", "--table", "t.txt"], "ends in .csv"),
+        (["sweep", "--out", "o", "--over", "beta=0.1:0.2:500", "--explore"], "at most 416"),
+        (["sweep", "--out", "o", "--over", "beta=0.1", "--model", "none.toml"], "none.toml"),
+        (["sweep", "--out", "file.txt", "--over", "beta=0.1"], "file.txt"),
         (["bench", "--duration", "0"], "--duration"),
     ],
     ids=lambda value: " ".join(value) if isinstance(value, list) else "",
@@ -106,7 +120,7 @@ def test_predict_refuses_impossible_settings(setting, calibrated, tmp_path, caps
     refusal(capsys)
 
 
-@pytest.mark.parametrize("command", ["", "new", "simulate", "calibrate", "predict", "bench"])
+@pytest.mark.parametrize("command", ["", "new", "simulate", "sweep", "calibrate", "predict", "bench"])
 def test_help(command, capsys):
     assert run(*command.split(), "--help") == 0
     assert "Usage" in capsys.readouterr().out
@@ -163,6 +177,36 @@ def test_effects_are_taken_out_and_beta_is_of_the_lengths_set(tmp_path):
     cradle = json.loads((tmp_path / "summary.json").read_text())["cradle"]
     assert "-string_hysteresis" in cradle["effects"]
     assert cradle["groups"]["beta"] == pytest.approx(0.114)
+
+
+def test_sweep(tmp_path, capsys):
+    (tmp_path / "model.toml").write_text('[model]\nbase = "pendulum"\neffects = ["-large_angle"]\n')
+    command = ["sweep", "--model", tmp_path / "model.toml", "--bobs", 2, "--duration", 4, "--out", tmp_path / "o"]
+    command += ["--over", "delta=-0.01,0", "--over", "k_f=1e4:4e4:3:log", "--quantity", "lambda", "--quantity", "sigma"]
+    assert run(*command, "--times", "0:4:3", "--table", "t.nc") == 0
+    said = capsys.readouterr().out
+    assert "λ" in said and "δ = -0.01" in said and "sweep.png" in said
+    names = {"plan.json", "runs.npy", "sweep.json", "sweep.png", "t.nc"}
+    assert {path.name for path in (tmp_path / "o").iterdir()} == names
+    content = json.loads((tmp_path / "o" / "sweep.json").read_text())
+    assert {"format", "version", "seed", "inputs", "cradle", "release"} <= content.keys()
+    assert (content["cradle"]["model"], content["runs"], content["impossible"]) == ("pendulum", 6, {})
+    assert content["axes"]["k_f"] == {"unit": "N s m^-3/2", "first": 1e4, "last": 4e4, "count": 3}
+    assert content["quantities"]["lambda"]["largest"]["at"].keys() == {"delta", "k_f"}
+    before = (tmp_path / "o" / "runs.npy").stat().st_mtime_ns
+    assert run(*command, "--times", "0:4:3") == 0
+    assert (tmp_path / "o" / "runs.npy").stat().st_mtime_ns == before
+    table = np.genfromtxt(tmp_path / "o" / "sweep.csv", delimiter=",", skip_header=1, usecols=range(6))
+    np.testing.assert_allclose(table[:3, 1], [1e4, 2e4, 4e4], rtol=1e-12)
+    assert run(*command[:-4], "--quantity", "impacts") == 2
+    assert "another sweep" in refusal(capsys)
+
+
+def test_sweep_makes_a_page(tmp_path, capsys):
+    settings = ["--over", "beta=0.1,0.2", "--bobs", 2, "--duration", 3]
+    assert run("sweep", "--explore", *settings, "--out", tmp_path) == 0
+    assert f"page: {tmp_path / 'explore.html'}" in capsys.readouterr().out
+    assert "<canvas" in (tmp_path / "explore.html").read_text()
 
 
 def test_new_writes_an_experiment_and_does_not_overwrite_it(pair, tmp_path, capsys):
@@ -238,7 +282,7 @@ def test_prediction_follows_its_seed(calibrated):
 KILLED = """
 import os, signal, sys
 from pathlib import Path
-from identification.results import replacing
+from identification.files import replacing
 with replacing(Path(sys.argv[1])) as temporary:
     temporary.write_text("half of")
     os.kill(os.getpid(), signal.SIGKILL)

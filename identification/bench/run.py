@@ -25,7 +25,7 @@ from cradle_env import __version__
 from cradle_env.cradle import Cradle, Release
 from cradle_env.simulation import simulate
 from identification.bench import environment, scipy_peer
-from identification.results import write_json
+from identification.files import write_json
 from identification.terminal import Progress, print_table
 
 _ANGLE, _RATE = 0.228, 60.0

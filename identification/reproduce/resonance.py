@@ -39,7 +39,7 @@ def _obliqueness(run: Trajectory) -> float:
 
     t = run.impacts["time"][(run.impacts["pair"] == 1) & (run.impacts["time"] < _EARLY)]
     z = -run.r[:, :2] * np.cos(run.theta[:, :2])
-    step = CubicSpline(run.t, z[:, 1] - z[:, 0])(t)
+    step = np.asarray(CubicSpline(run.t, z[:, 1] - z[:, 0])(t))
     return float(np.sqrt(np.mean(step**2)) / (2.0 * run.cradle.radius))
 
 
@@ -51,7 +51,7 @@ def in_step(beta: float) -> float:
     run = simulate(cradle, Release(angle=ANGLE, start="hanging"), _EARLY, _RIPPLE_RATE)
     one = round(_RIPPLE_RATE * beta * cradle.period)
     ripple = (run.r - uniform_filter1d(run.r, one, axis=0))[run.t > 2.0]
-    return float(np.corrcoef(ripple.T)[0, 1])
+    return float(np.asarray(np.corrcoef(ripple[:, 0], ripple[:, 1]))[0, 1])
 
 
 _QUANTITIES = ("lambda", Quantity("obliqueness", "φ", "rad", "of early impacts", _obliqueness))

@@ -46,6 +46,11 @@ class Axis:
         """The coordinate along the axis, (n,): its parameter, or 0, 1, … where several change together."""
         return self.columns.get(self.name, np.arange(float(len(self))))
 
+    @property
+    def described(self) -> tuple[str, str]:
+        """(unit, symbol) of the coordinate."""
+        return describe(self.name) if self.name in self.columns else ("1", self.name)
+
 
 class Grid:
     """All combinations of the values of some axes, over a cradle and a release that say the rest.

@@ -72,6 +72,11 @@ def _impacts(run: Trajectory) -> float:
     return float(len(run.impacts))
 
 
+def _overtaking_time(run: Trajectory) -> float:
+    passed = np.flatnonzero((np.diff(run.x(), axis=1) < 0.0).any(axis=1))
+    return float(run.t[passed[0]]) if len(passed) else math.nan
+
+
 _ALL = (
     Quantity("lambda", "λ", "1/s", "Newton exponent: σ falls about as exp(−λt)", _newton_exponent),
     Quantity("sigma", "σ", "1", "distance from synchronization over time", _sigma, series=True),
@@ -79,9 +84,15 @@ _ALL = (
         "synchronization_time", "t_sync", "s", "from when on σ < 0.05 for a whole period", _synchronization_time
     ),
     Quantity(
-        "energy_share", "E_sync/E_0", "1", "energy of the swing at synchronization over that released", _energy_share,
+        "energy_share",
+        "share of energy left",
+        "1",
+        "energy of the swing at synchronization over that released",
+        _energy_share,
         ledger=True,
     ),
+    Quantity("overtaking_time", "t_over", "s", "when first a bob is beyond its neighbour, over which it has jumped: σ"
+             " means little from then on", _overtaking_time),
     Quantity("impacts", "impacts", "1", "number of impacts, pair by pair", _impacts),
 )  # fmt: skip
 #: What can be asked for by name.

@@ -45,7 +45,7 @@ class Plan:
 
     def digest(self) -> str:
         """SHA-256 of all that decides the results."""
-        measures = [f"{q.name}: {q.measure.__module__}.{q.measure.__qualname__}" for q in self.quantities]
+        measures = [(q.name, _name(q.measure)) for q in self.quantities]
         told = [FORMAT, __version__, self.grid.cradle, self.grid.release, measures, self.duration, self.sample_rate]
         sums = hashlib.sha256(repr(told).encode())
         for axis in self.grid.axes:
@@ -55,6 +55,11 @@ class Plan:
         return sums.hexdigest()
 
 
+def _name(measure: Any) -> str:
+    """A function by its name, any other callable as it shows itself: the same in every process."""
+    return f"{measure.__module__}.{getattr(measure, '__qualname__', repr(measure))}"
+
+
 class Store:
     """The rows of a sweep in a folder: `runs.npy`, one per point of the grid, and `plan.json`."""
 
@@ -62,7 +67,8 @@ class Store:
         self.rows, self._plan = folder / "runs.npy", folder / "plan.json"
         self.dtype, self.count = row_type(plan.quantities, plan.times), len(plan.grid)
         self._digest = plan.digest()
-        self.reasons: list[str] = []
+        #: The first point of each kind of impossible ones, and what is wrong with it.
+        self.reasons: list[tuple[int, str]] = []
         folder.mkdir(parents=True, exist_ok=True)
         if self._plan.exists():
             self._resume()
@@ -79,11 +85,12 @@ class Store:
     def _resume(self) -> None:
         try:
             found = json.loads(self._plan.read_text(encoding="utf-8"))
-            same, self.reasons = found["inputs"] == self._digest, list(found["reasons"])
+            same = found["inputs"] == self._digest
+            self.reasons = [(int(at), str(reason)) for at, reason in found["reasons"]]
         except (ValueError, KeyError, TypeError):
-            raise ValueError(f"{self._plan} is damaged; name another folder") from None
+            raise ValueError(f"{self._plan} is damaged; name another --out, or remove it to start over") from None
         if not same:
-            raise ValueError(f"{self._plan} is that of another sweep, or of another version; name another folder")
+            raise ValueError(f"{self._plan} is that of another sweep, or of another version; name another --out")
 
     def _write_plan(self) -> None:
         content = {"format": FORMAT, "version": __version__, "inputs": self._digest, "reasons": self.reasons}
@@ -107,35 +114,54 @@ class Store:
     def write(self, indices: np.ndarray, rows: np.ndarray, problems: Mapping[int, str]) -> None:
         """Takes down the rows (n,) of the points (n,), and why some, by their place among them, are impossible."""
         for k, problem in problems.items():
-            rows["status"][k] = IMPOSSIBLE + self._reason(problem)
+            rows["status"][k] = IMPOSSIBLE + self._reason(int(indices[k]), problem)
         stored = self.open("r+")
         for name in self.dtype.names or ():  # the status last
             stored[name][indices] = rows[name]
 
-    def _reason(self, problem: str) -> int:
-        """The number of a reason, whatever the values that it names."""
-        kinds = [_NUMBER.sub("…", reason) for reason in self.reasons]
-        kind = _NUMBER.sub("…", problem)
-        if kind not in kinds:
-            self.reasons.append(problem)
+    def _reason(self, index: int, problem: str) -> int:
+        """The number of a kind of reason, whatever the values that it names; the first point is kept as its example."""
+        kinds = [_kind(reason) for _, reason in self.reasons]
+        if _kind(problem) not in kinds:
+            self.reasons.append((index, problem))
             self._write_plan()
             return len(kinds)
-        return kinds.index(kind)
+        number = kinds.index(_kind(problem))
+        if index < self.reasons[number][0]:
+            self.reasons[number] = (index, problem)
+            self._write_plan()
+        return number
+
+
+def _kind(problem: str) -> str:
+    return _NUMBER.sub("…", problem)
 
 
 class Swept:
     """A finished sweep. swept[name]: a quantity in the shape of the grid, for a series (…, T); nan where impossible."""
 
-    def __init__(self, plan: Plan, rows: np.ndarray, reasons: Sequence[str]) -> None:
+    def __init__(self, plan: Plan, rows: np.ndarray, reasons: Sequence[tuple[int, str]]) -> None:
         self.plan, self.rows, self.reasons = plan, rows, tuple(reasons)
 
     def __getitem__(self, name: str) -> np.ndarray:
         column = self.rows[name]
         return np.array(column).reshape(self.plan.grid.shape + column.shape[1:])
 
+    def problems(self, start: int, stop: int) -> list[str]:
+        """What is wrong with each of the points from one flat index to another, numbers left out; "" if nothing is."""
+        kinds = ["", "", *(_kind(reason) for _, reason in self.reasons)]
+        return [kinds[status] for status in self.rows[start:stop]["status"]]
+
     def failures(self) -> dict[str, int]:
-        """How many points are impossible, by reason; each is told with the values of the first point."""
+        """How many points are impossible, by reason; each reason is told as it is at the first of them."""
         counts: Counter[int] = Counter()
         for start in range(0, len(self.rows), BLOCK):
             counts.update(self.rows[start : start + BLOCK]["status"].tolist())
-        return {reason: counts[IMPOSSIBLE + k] for k, reason in enumerate(self.reasons) if counts[IMPOSSIBLE + k]}
+        numbered = sorted((at, reason, IMPOSSIBLE + k) for k, (at, reason) in enumerate(self.reasons))
+        return {reason: counts[status] for _, reason, status in numbered if counts[status]}
+
+    def save(self, path: str | Path) -> Path:
+        """Writes a table, by its ending: .csv, .parquet (needs pyarrow) or .nc (netCDF, in the shape of the grid)."""
+        from identification.sweep.tables import write_table
+
+        return write_table(self, Path(path))

@@ -1,0 +1,162 @@
+"""The page on which a sweep is explored: a slider for each axis, the cradle in motion, σ(t) beside it."""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from cradle_env.cradle import Cradle
+from cradle_env.synchronization import ENVELOPE_PERIODS, FLOOR
+from cradle_env.trajectory import Trajectory
+from identification.page import render
+from identification.style import BLUE, RED
+from identification.sweep.engine import sweep
+from identification.sweep.grid import Grid
+from identification.sweep.quantities import Quantity
+from identification.sweep.store import Swept
+from identification.wording import markup, unit_markup
+
+if TYPE_CHECKING:
+    from identification.fit import Progress
+
+#: What the page goes over where nothing else is asked for: at five bobs and 60 s it has 8 MB.
+AXES: Mapping[str, np.ndarray] = {"beta": np.linspace(0.05, 0.33, 29), "delta": np.linspace(-0.02, 0.02, 11)}
+#: Pictures per second, and of these the share at which σ is kept.
+RATE, SIGMA_EVERY = 30, 6
+#: The largest page [bytes].
+LARGEST = 10e6
+#: Steps of log10 σ that are kept, and the least σ.
+_SIGMA_STEPS, _LEAST_SIGMA = 8000, FLOOR / 10.0
+
+
+@dataclass(frozen=True)
+class _Angle:
+    """θ of one bob, by its index; nan where the cradle has fewer."""
+
+    bob: int
+
+    def __call__(self, run: Trajectory) -> np.ndarray:
+        return run.theta[:, self.bob] if self.bob < run.cradle.bobs else np.full(len(run.t), np.nan)
+
+
+def _most_bobs(grid: Grid) -> int:
+    axis = next((axis for axis in grid.axes if "bobs" in axis.columns), None)
+    return grid.cradle.bobs if axis is None else int(axis.columns["bobs"].max())
+
+
+def check_size(grid: Grid, duration: float) -> None:
+    """ValueError where the page of a grid would be too large to open."""
+    run = _most_bobs(grid) * duration * RATE * 8.0 / 3.0
+    if len(grid) * run > LARGEST:
+        raise ValueError(
+            f"a page of {len(grid)} runs of {duration:g} s would have {len(grid) * run / 1e6:.0f} MB; at most"
+            f" {int(LARGEST / run)} such runs make {LARGEST / 1e6:g} MB, so take fewer values, or a shorter --duration"
+        )
+
+
+def explore_html(
+    grid: Grid,
+    *,
+    duration: float = 60.0,
+    sample_rate: float = 240.0,
+    out: str | Path | None = None,
+    workers: int | None = None,
+    progress: Progress | None = None,
+) -> str:
+    """The page, which needs no network: runs every point of the grid and keeps its motion, 30 pictures a second.
+
+    Angles are kept to 1/32767 of the largest. duration, sample_rate, out, workers: as in `sweep`. Raises ValueError
+    where the page would be too large.
+    """
+    check_size(grid, duration)
+    angles = [Quantity(f"theta_{i + 1}", "θ", "rad", "angle", _Angle(i), series=True) for i in range(_most_bobs(grid))]
+    times = np.arange(int(duration * RATE) + 1) / RATE
+    swept = sweep(
+        grid, ("lambda", "sigma", *angles), duration=duration, sample_rate=sample_rate, times=times, out=out,
+        workers=workers, progress=progress,
+    )  # fmt: skip
+    scale = max(float(np.nanmax(np.abs(swept[q.name]))) for q in angles) / 32767.0
+    runs = [_run(swept, index, scale) for index in range(len(grid))]
+    widest = max(run["pivots"][-1] for run in runs if run["theta"])
+    content = {
+        "axes": [_axis(grid, k) for k in range(len(grid.axes))],
+        "runs": runs,
+        "times": {"rate": RATE, "count": len(times), "sigmaEvery": SIGMA_EVERY},
+        "thetaScale": scale,
+        "thetaLargest": 32767.0 * scale,
+        "sigmaSteps": _SIGMA_STEPS,
+        "widest": widest,
+        "colours": {"sigma": BLUE, "decay": RED},
+    }
+    return render(
+        "explore.html",
+        title="A Newton's cradle to explore",
+        content=content,
+        cradle=grid.cradle,
+        axes=[(*content["axes"][k].values(), k) for k in range(len(grid.axes))],
+        count=len(grid),
+        rate=RATE,
+        duration=duration,
+    )
+
+
+def _axis(grid: Grid, k: int) -> dict[str, Any]:
+    """An axis for the page: symbol and unit as HTML, name as plain text, values as they are told, where to begin."""
+    axis = grid.axes[k]
+    unit, symbol = axis.described
+    here = _stated(grid, axis.name)
+    return {
+        "symbol": markup(symbol),
+        "unit": unit_markup(unit),
+        "name": symbol.replace("_", ""),
+        "values": [f"{value:.6g}".replace("-", "−") for value in axis.values],
+        "start": int(np.argmin(np.abs(axis.values - here))) if here is not None else 0,
+    }
+
+
+def _stated(grid: Grid, name: str) -> float | None:
+    """What the cradle and the release of the grid say of a parameter, if it is one number."""
+    cradle, release = grid.cradle, grid.release
+    of, _, key = name.partition(".")
+    stated = {"release_angle": release.lead(cradle)[1], "gamma": release.gamma(cradle), "lifted": release.bobs}
+    value = stated.get(name, cradle.effects.get(of, {}).get(key, getattr(cradle, name, None)))
+    return float(value) if isinstance(value, float | int) else None
+
+
+def _run(swept: Swept, index: int, scale: float) -> dict[str, Any]:
+    """One run for the page: θ as whole steps, bob by bob, and log10 σ as whole steps, both int16 in base64."""
+    problem = swept.problems(index, index + 1)[0]
+    if problem:
+        return {
+            "problem": problem,
+            "theta": "",
+            "sigma": "",
+            "lambda": None,
+            "pivots": [],
+            "length": 1.0,
+            "radius": 0.1,
+        }
+    row = swept.rows[index]
+    cradle: Cradle = swept.plan.grid.point(index)[0]
+    theta = np.column_stack([row[f"theta_{i + 1}"] for i in range(cradle.bobs)])
+    whole = swept.plan.times <= swept.plan.duration - 0.5 * ENVELOPE_PERIODS * cradle.period  # else envelopes are cut
+    sigma = np.log10(np.maximum(row["sigma"][whole][::SIGMA_EVERY], _LEAST_SIGMA))
+    rate = float(row["lambda"])
+    return {
+        "problem": "",
+        "theta": _base64(theta / scale),
+        "sigma": _base64(sigma * _SIGMA_STEPS),
+        "lambda": rate if np.isfinite(rate) else None,
+        "pivots": cradle.pivots.round(7).tolist(),
+        "length": cradle.length,
+        "radius": cradle.radius,
+    }
+
+
+def _base64(values: np.ndarray) -> str:
+    return base64.b64encode(np.rint(values).astype("<i2").tobytes()).decode()

@@ -1,0 +1,168 @@
+"""Pictures of a sweep: curves over one axis, maps over two, panels of them over more."""
+
+from __future__ import annotations
+
+import math
+import re
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from identification.style import bob_styles, quiet_grid, styled
+from identification.sweep.grid import Axis, Grid
+from identification.sweep.quantities import Quantity
+from identification.sweep.store import Swept
+from identification.wording import mathtext, unit_mathtext
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+#: An axis of so few values makes a curve of each of them, rather than a map; so many panels fit on a page.
+_MOST_CURVES, _MOST_PANELS = 5, 12
+#: What could not be simulated.
+_NOTHING = "#D9D9D9"
+
+
+def label(symbol: str, unit: str) -> str:
+    """What an axis of a picture says of a quantity; words stay words."""
+    text = mathtext(symbol) if re.fullmatch(r"\w(_\w+)?(\[\d+\])?", symbol) else symbol
+    return text + unit_mathtext(unit)
+
+
+def _axis_label(axis: Axis) -> str:
+    unit, symbol = axis.described
+    return label(symbol, unit)
+
+
+@styled
+def sweep_figure(swept: Swept) -> Figure:
+    """Each quantity in a row of its own: curves over the longest axis, one for each value of a short second axis; a map
+    over two long axes, or over an axis and time; beyond, a panel for each value of the further axes, evenly chosen
+    where there are many."""
+    from matplotlib.figure import Figure
+
+    grid, quantities = swept.plan.grid, swept.plan.quantities
+    order = sorted(range(len(grid.axes)), key=lambda k: -grid.shape[k])
+    rows = [_Row(swept, q, order[: 1 if q.series else 2]) for q in quantities]
+    most = max(len(row.panels) for row in rows)
+    columns = min(most, 4)
+    lines = [math.ceil(len(row.panels) / columns) for row in rows]
+    width = 6.4 if columns == 1 else 3.1 * columns + 0.8
+    figure = Figure(figsize=(width, 3.4 * sum(lines)), layout="constrained")
+    parts: Any = figure.subfigures(len(rows), 1, height_ratios=lines, squeeze=False)
+    for part, row, height in zip(parts[:, 0], rows, lines, strict=True):
+        panels = part.subplots(height, columns, squeeze=False, sharex=True, sharey=True)
+        row.draw(panels.ravel(), part)
+    return figure
+
+
+class _Row:
+    """One quantity of a sweep, and which of its axes are drawn; the others are gone through panel by panel."""
+
+    def __init__(self, swept: Swept, quantity: Quantity, drawn: list[int]) -> None:
+        self.grid, self.quantity, self.times = swept.plan.grid, quantity, swept.plan.times
+        self.axes = [self.grid.axes[k] for k in drawn]
+        others = [k for k in range(len(self.grid.axes)) if k not in drawn]
+        shape = tuple(self.grid.shape[k] for k in others)
+        count = math.prod(shape)
+        chosen = np.unique(np.linspace(0, count - 1, min(count, _MOST_PANELS)).round().astype(int))
+        self.panels = [np.unravel_index(i, shape) for i in chosen] if shape else [()]
+        self.others, self.left_out = others, count - len(chosen)
+        values = np.moveaxis(swept[quantity.name], others, range(len(others)))
+        if len(drawn) == 2 and drawn[0] > drawn[1]:
+            values = np.swapaxes(values, len(others), len(others) + 1)
+        self.values = np.array([values[tuple(panel)] for panel in self.panels])
+
+    def draw(self, panels: np.ndarray, figure: Any) -> None:
+        """Draws every panel, and one colour bar for all of them where they are maps."""
+        name = label(self.quantity.symbol, self.quantity.unit)
+        second = self.axes[1] if len(self.axes) == 2 else None
+        image = None
+        map_of = self.quantity.series or (second is not None and len(second) > _MOST_CURVES)
+        for axes, panel, values in zip(panels, self.panels, self.values, strict=False):
+            axes.set_xlabel(_axis_label(self.axes[0]))
+            axes.set_title(_told(self.grid, self.others, panel))
+            if map_of:
+                image = self._map(axes, values)
+            else:
+                self._curves(axes, values, second)
+                axes.set_ylabel(name)
+        for axes in panels[len(self.panels) :]:
+            axes.set_axis_off()
+        if image is not None:
+            figure.colorbar(image, ax=list(panels), label=name, pad=0.01)
+        notes = []
+        if self.left_out:
+            notes.append(f"{len(self.panels)} of {len(self.panels) + self.left_out} combinations")
+        if map_of and not np.isfinite(self.values).all():
+            notes.append("grey: no value")
+        if notes:
+            figure.suptitle("; ".join(notes), fontsize=8)
+
+    def _curves(self, axes: Axes, values: np.ndarray, second: Axis | None) -> None:
+        """values: (n,), or (n, few)."""
+        x = self.axes[0].values
+        several = [("", values)]
+        if second is not None:
+            several = [(_short(second, i), values[:, i]) for i in range(len(second))]
+        marker = "." if len(x) <= 60 else None
+        for (text, line), style in zip(several, bob_styles(len(several)), strict=True):
+            axes.plot(x, line, marker=marker, label=text, **style)
+        if second is not None:
+            axes.legend()
+        _scale(axes.set_xscale, x)
+        quiet_grid(axes)
+
+    def _map(self, axes: Axes, values: np.ndarray) -> Any:
+        """values: (n, m), against the second axis or against time; impossible points grey."""
+        x, y = self.axes[0].values, self.times if self.quantity.series else self.axes[1].values
+        low, high = _limits(self.values)
+        axes.set_facecolor(_NOTHING)
+        image = axes.pcolormesh(
+            _edges(x), _edges(y), values.T, cmap="viridis", vmin=low, vmax=high, rasterized=True
+        )  # fmt: skip
+        _scale(axes.set_xscale, x)
+        if self.quantity.series:
+            axes.set_ylabel("time [s]")
+        else:
+            axes.set_ylabel(_axis_label(self.axes[1]))
+            _scale(axes.set_yscale, y)
+        return image
+
+
+def _told(grid: Grid, others: list[int], panel: tuple) -> str:
+    return ", ".join(_short(grid.axes[k], int(i)) for k, i in zip(others, panel, strict=True))
+
+
+def _short(axis: Axis, i: int) -> str:
+    """ "β = 0.114" of a value of an axis."""
+    unit, symbol = axis.described
+    told = f"{label(symbol, '1')} = {axis.values[i]:.4g}{'' if unit == '1' else ' ' + unit}"
+    return told.replace("-", "−")
+
+
+def _limits(values: np.ndarray) -> tuple[float, float]:
+    finite = values[np.isfinite(values)]
+    return (float(finite.min()), float(finite.max())) if len(finite) else (0.0, 1.0)
+
+
+def _geometric(x: np.ndarray) -> bool:
+    """Whether values are spaced evenly in their logarithm, over half a decade at least."""
+    return len(x) > 2 and x[0] > 0.0 and x[-1] > 3.0 * x[0] and np.ptp(np.diff(np.log(x))) < 1e-6
+
+
+def _scale(set_scale: Any, x: np.ndarray) -> None:
+    if _geometric(x):
+        set_scale("log")
+
+
+def _edges(x: np.ndarray) -> np.ndarray:
+    """Borders of the cells about some points, (n + 1,), halfway between them, also where they are unevenly spaced."""
+    if len(x) == 1:
+        return np.array([x[0] - 0.5, x[0] + 0.5])
+    logarithmic = _geometric(x)
+    u = np.log(x) if logarithmic else x
+    middle = 0.5 * (u[1:] + u[:-1])
+    edges = np.concatenate([[2.0 * u[0] - middle[0]], middle, [2.0 * u[-1] - middle[-1]]])
+    return np.exp(edges) if logarithmic else edges
