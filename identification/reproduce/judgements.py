@@ -95,11 +95,12 @@ def saturation(tables: Tables) -> Claim:
     )
 
 
-def least(delta: np.ndarray, rate: np.ndarray) -> tuple[float, float]:
-    """(δ of the least λ, by what share λ exceeds it at the paper's δ), averaged over a few values."""
+def least(delta: np.ndarray, rate: np.ndarray) -> tuple[float, float, float]:
+    """(δ of the least λ, that λ, by what share λ exceeds it at the paper's δ), averaged over a few values."""
     width = max(1, round(_WIDTH_DELTA / (delta[1] - delta[0])))
     mean, at = smoothed(rate, width), smoothed(delta, width)
-    return float(at[np.argmin(mean)]), float(np.interp(PUBLISHED_LEAST, at, mean) / mean.min() - 1.0)
+    low = float(mean.min())
+    return float(at[np.argmin(mean)]), low, float(np.interp(PUBLISHED_LEAST, at, mean)) / low - 1.0
 
 
 def spacing(tables: Tables) -> tuple[Claim, ...]:
@@ -114,9 +115,10 @@ def spacing(tables: Tables) -> tuple[Claim, ...]:
         words.append(f"{rate[0]:.3f}, {middle:.3f}, {rate[-1]:.3f} (N = {bobs})")
     found = {(bobs, start): least(zoom[ZOOM.name], zoom[column(bobs, start)]) for bobs in BOBS for start in STARTS}
     listed = "; ".join(
-        f"N = {bobs}, {start}: {1e4 * at:+.2f}, {100 * above:.2g} %" for (bobs, start), (at, above) in found.items()
+        f"N = {bobs}, {start}: {low:.4f} at {1e4 * at:+.2f}, {100 * above:.2g} %"
+        for (bobs, start), (at, low, above) in found.items()
     )
-    flat = [f"N = {bobs}, {start}" for (bobs, start), (_, above) in found.items() if above < _FLAT]
+    flat = [f"N = {bobs}, {start}" for (bobs, start), (*_, above) in found.items() if above < _FLAT]
     return (
         Claim.judged(
             "δ ≠ 0 makes the cradle synchronize sooner, in either direction",
@@ -128,8 +130,8 @@ def spacing(tables: Tables) -> tuple[Claim, ...]:
         Claim.judged(
             f"λ is least at δ ≈ {PUBLISHED_LEAST:g}, slightly negative",
             "4.2, Fig. 8d",
-            all(abs(at - PUBLISHED_LEAST) < 5e-5 for at, _ in found.values()),
-            f"least λ at δ [10⁻⁴], and how much more λ is at the paper's δ: {listed}; the dip narrows with N",
+            all(abs(at - PUBLISHED_LEAST) < 5e-5 for at, *_ in found.values()),
+            f"least λ [1/s] at δ [10⁻⁴], and how much more λ is at the paper's δ: {listed}",
             f"a flat minimum may be read off within {100 * _FLAT:g} % ({'; '.join(flat)})",
             bool(flat),
         ),

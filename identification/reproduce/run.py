@@ -163,9 +163,7 @@ def _write_claims(out: Path, inputs: str) -> dict[str, Any]:
         "format": CLAIMS_FORMAT,
         "version": __version__,
         "inputs": inputs,
-        "figures": {
-            name: {key: stamp[key] for key in ("title", "seconds", "processor_seconds")} for name, stamp in done.items()
-        },
+        "figures": {name: stamp["title"] for name, stamp in done.items()},
         "claims": [{**claim, "figure": name} for name, stamp in done.items() for claim in stamp["claims"]],
     }
     write_json(out / "claims.json", content)
