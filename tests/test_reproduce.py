@@ -353,11 +353,11 @@ def test_unusable_input_is_refused(arguments, said, tmp_path, capsys):
 
 
 def test_a_failed_claim_stands_out():
-    claims = [Claim("s | t", "4.2", FAILS, "0.3"), Claim("u", "beyond", HOLDS_IF, "0.4", "N is 2")]
+    claims = [Claim("s | t", "4.2", FAILS, "-0.3"), Claim("u", "beyond", HOLDS_IF, "1e-4", "N is 2")]
     table = claims_table({"claims": [{**vars(claim), "figure": "fig8"} for claim in claims]})
     assert table.splitlines()[2:] == [
-        "| s \\| t | § 4.2 | **does not hold** | 0.3 | fig8 |",
-        "| u | beyond | holds if N is 2 | 0.4 | fig8 |",
+        "| s \\| t | § 4.2 | **does not hold** | −0.3 | fig8 |",
+        "| u | beyond | holds if N is 2 | 1e-4 | fig8 |",
     ]
 
 

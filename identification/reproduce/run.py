@@ -6,6 +6,7 @@ import dataclasses
 import functools
 import hashlib
 import json
+import re
 import shutil
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -60,6 +61,8 @@ def reproduce(
     inputs = hashlib.sha256(json.dumps([_sources(), values, seed]).encode() + (source or b"")).hexdigest()
     # Named by the inputs: what an earlier program left unfinished is not gone on with.
     scratch = out / f".unfinished-{inputs[:12]}"
+    for stale in set(out.glob(".unfinished-*")) - {scratch}:
+        shutil.rmtree(stale)
     study = Study(values, workers, scratch, posterior)
     todo = _with_needs(only or list(named), named)
     for k, name in enumerate(todo):
@@ -80,7 +83,8 @@ def _loaded(file: Path, seed: int, workers: int | None) -> Posterior:
 def _sources() -> str:
     """A hash of the program that makes the figures: numbers of another version are not mixed in."""
     digest = hashlib.sha256()
-    for folder in (Path(cradle_env.__file__).parent, Path(__file__).parent):
+    here = Path(__file__).parent
+    for folder in (Path(cradle_env.__file__).parent, here, here.parent / "sweep"):
         for file in sorted(folder.rglob("*.py")):
             digest.update(file.read_bytes())
     return digest.hexdigest()
@@ -181,4 +185,5 @@ def claims_table(content: Mapping[str, Any]) -> str:
         source = claim.source if claim.source[0].isalpha() else f"§ {claim.source}"
         cells = (claim.statement, source, verdict, claim.evidence, entry["figure"])
         lines.append("| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |")
+    lines = [re.sub(r"(?<![\w.])-(?=\d)", "−", line) for line in lines]
     return "\n".join(lines)
