@@ -202,6 +202,15 @@ def test_sweep(tmp_path, capsys):
     assert "another sweep" in refusal(capsys)
 
 
+def test_sweep_tells_what_was_never_reached(tmp_path, capsys):
+    """No pair is synchronized after 3 s, so there is no time of it."""
+    settings = ["--over", "delta=0,0.001", "--bobs", 2, "--duration", 3, "--quantity", "synchronization_time"]
+    assert run("sweep", *settings, "--out", tmp_path) == 0
+    assert "–" in capsys.readouterr().out
+    found = json.loads((tmp_path / "sweep.json").read_text())["quantities"]["synchronization_time"]
+    assert (found["least"], found["largest"]) == (None, None)
+
+
 def test_sweep_makes_a_page(tmp_path, capsys):
     settings = ["--over", "beta=0.1,0.2", "--bobs", 2, "--duration", 3]
     assert run("sweep", "--explore", *settings, "--out", tmp_path) == 0

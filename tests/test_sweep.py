@@ -16,6 +16,9 @@ from identification.sweep import Grid, Quantity, sweep
 from identification.sweep import engine as sweep_engine
 
 PAIR, RELEASE = Cradle(bobs=2), Release(angle=0.228)
+#: Of λ between processes [1/s]. Kernels compiled anew and those from the cache round differently, which a narrow
+#: resonance magnifies to 1e-8 within 10 s; neighbouring points of the grids here differ by 2e-6 and more.
+ROUNDING = 1e-6
 
 
 def counted(run) -> float:
@@ -110,6 +113,21 @@ def test_synchronization_is_when_sigma_stays_low_and_an_ideal_momentum_exchange_
     assert run.sigma()[lasting].max() < 0.05 <= run.sigma()[run.t < start][-1]
 
 
+@pytest.mark.parametrize(
+    ("quantities", "said"),
+    [
+        ((), "none"),
+        (("lambda", "lambda"), "each once"),
+        (("lamda",), "did you mean 'lambda'"),
+        ((Quantity("delta", "δ", "1", "", counted),), "a quantity is named 'delta'"),
+        ((Quantity("status", "s", "1", "", counted),), "a quantity is named 'status'"),
+    ],
+)
+def test_unusable_quantities_are_refused(quantities, said):
+    with pytest.raises(ValueError, match=said):
+        sweep(Grid({"delta": [0.0]}, PAIR, RELEASE), quantities)
+
+
 def test_bobs_that_change_places_are_told():
     """At β = 0.36 strings stretch by 0.08 m, two diameters, in the first swing: the released bob clears the other."""
     swept = sweep(Grid({"beta": [0.114, 0.36]}, PAIR, RELEASE), ("overtaking_time",), duration=3.0)
@@ -122,7 +140,7 @@ def test_bobs_that_change_places_are_told():
 
 
 def test_a_sweep_costs_little_more_than_its_runs():
-    """Measured 1.0 to 1.1; an energy ledger that nobody reads would make it 1.5 and more."""
+    """Measured 1.0 to 1.1 on an idle machine, 1.3 on a crowded one; a second run of each point would make it 2."""
     grid = Grid({"beta": np.linspace(0.05, 0.33, 24)}, PAIR, RELEASE)
     cradles = [grid.point(i)[0] for i in range(24)]
 
@@ -131,9 +149,22 @@ def test_a_sweep_costs_little_more_than_its_runs():
         work()
         return time.process_time() - began
 
-    ours = min(seconds(lambda: sweep(grid)) for _ in range(5))
-    bare = min(seconds(lambda: simulate_batch(cradles, RELEASE)) for _ in range(5))
-    assert ours < 1.25 * bare, (ours, bare)
+    pairs = [(seconds(lambda: sweep(grid)), seconds(lambda: simulate_batch(cradles, RELEASE))) for _ in range(6)]
+    ours, bare = np.min(pairs, axis=0)
+    assert ours < 1.5 * bare, pairs
+
+
+@pytest.mark.parametrize(("quantity", "kept"), [("lambda", False), ("energy_share", True)])
+def test_the_ledger_is_kept_only_for_who_reads_it(quantity, kept, monkeypatch):
+    asked = []
+
+    def told(*run, ledger):
+        asked.append(ledger)
+        return simulate(*run, ledger=ledger)
+
+    monkeypatch.setattr(sweep_engine, "simulate", told)
+    sweep(Grid({"delta": [0.0, 0.01]}, PAIR, RELEASE), (quantity,), duration=3.0)
+    assert asked == [kept, kept]
 
 
 @pytest.mark.parametrize("executor", ["threads", "processes"])
@@ -143,7 +174,7 @@ def test_any_executor_gives_the_same(executor):
     pool = ThreadPoolExecutor(1) if executor == "threads" else ProcessPoolExecutor(1, get_context("spawn"))
     with pool:
         swept = sweep(grid, quantities, duration=5.0, executor=pool)
-    np.testing.assert_array_equal(swept["lambda"], sweep(grid, duration=5.0)["lambda"])
+    np.testing.assert_allclose(swept["lambda"], sweep(grid, duration=5.0)["lambda"], rtol=0.0, atol=ROUNDING)
     np.testing.assert_array_equal(swept["count"], [2, 3, 4])
 
 
@@ -162,7 +193,7 @@ import sys
 import numpy as np
 from cradle_env import Cradle, Release
 from identification.sweep import Grid, sweep
-grid = Grid({"beta": np.linspace(0.05, 0.4, 400)}, Cradle(bobs=2), Release(angle=0.228))
+grid = Grid({"beta": np.linspace(0.05, 0.33, 400)}, Cradle(bobs=2), Release(angle=0.228))
 sweep(grid, duration=10.0, out=sys.argv[1], workers=1)
 """
 
@@ -180,11 +211,11 @@ def test_what_a_kill_leaves_is_kept_and_the_rest_is_run(by, tmp_path, monkeypatc
     assert 20 < len(kept) < 400
     ran = []
     monkeypatch.setattr(sweep_engine, "simulate", lambda *run, **more: ran.append(run) or simulate(*run, **more))
-    grid = Grid({"beta": np.linspace(0.05, 0.4, 400)}, PAIR, RELEASE)
+    grid = Grid({"beta": np.linspace(0.05, 0.33, 400)}, PAIR, RELEASE)
     swept = sweep(grid, duration=10.0, out=tmp_path)
     assert len(ran) == 400 - len(kept)
     assert set(kept["lambda"]) <= set(swept["lambda"])
-    np.testing.assert_array_equal(swept["lambda"], sweep(grid, duration=10.0)["lambda"])
+    np.testing.assert_allclose(swept["lambda"], sweep(grid, duration=10.0)["lambda"], rtol=0.0, atol=ROUNDING)
 
 
 def test_another_sweep_is_not_mixed_into_a_folder(tmp_path):

@@ -95,10 +95,13 @@ def run(
             write(out / "explore.html", explore.explore_html(grid, out=out / "explore", progress=tell, **settings))
     rows = []
     for name, found in content["quantities"].items():
-        if "least" in found:
-            unit = unit_plain(QUANTITIES[name].unit)
-            ends = (f"{number(found[end]['value'], 4)} {unit} at {_place(found[end]['at'])}" for end in _ENDS)
-            rows.append((QUANTITIES[name].symbol, *ends))
+        unit = unit_plain(QUANTITIES[name].unit)
+        ends = [found[end] for end in _ENDS if found.get(end)]
+        if ends:
+            told = (f"{number(end['value'], 4)} {unit} at {_place(end['at'])}" for end in ends)
+            rows.append((QUANTITIES[name].symbol, *told))
+        elif not QUANTITIES[name].series:
+            rows.append((QUANTITIES[name].symbol, "–", "–"))
     if rows:
         print_table(("quantity", *_ENDS), rows)
     for reason, count in content["impossible"].items():
@@ -137,13 +140,12 @@ def _summary(swept: Swept, seed: int) -> dict[str, Any]:
         if q.series:
             continue
         values = swept[q.name].ravel()
-        finite = bool(np.isfinite(values).any())
         for end, find in zip(_ENDS, (np.nanargmin, np.nanargmax), strict=True):
-            index = int(find(values)) if finite else None
-            at = (
-                {} if index is None else dict(zip(plan.grid.names, plan.grid.values(np.array([index]))[0], strict=True))
-            )
-            quantities[q.name][end] = None if index is None else {"value": values[index], "at": at}
+            quantities[q.name][end] = None
+            if np.isfinite(values).any():
+                index = int(find(values))
+                at = zip(plan.grid.names, plan.grid.values(np.array([index]))[0], strict=True)
+                quantities[q.name][end] = {"value": values[index], "at": dict(at)}
     return {
         "format": FORMAT,
         "version": __version__,

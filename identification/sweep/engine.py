@@ -39,7 +39,7 @@ def sweep(
     executor: Any = None,
     progress: Progress | None = None,
 ) -> Swept:
-    """Runs every point of a grid and takes down some quantities of each; bit for bit those of `simulate`.
+    """Runs every point of a grid and takes down some quantities of each, in one process bit for bit as `simulate`.
 
     quantities: names of `QUANTITIES`, or any `Quantity`; duration [s] and sample_rate [1/s] of each run; times (T,) [s]
     at which series such as σ(t) are kept, every second where omitted; out: folder from which the same call goes on
@@ -55,7 +55,8 @@ def sweep(
     if times is None:
         times = np.arange(math.floor(duration) + 1.0)
     times = np.array([check_range("times", t, "s", 0.0, duration) for t in times])
-    plan = Plan(grid, chosen(quantities), times, duration, sample_rate)
+    taken = (*grid.names, *(axis.name for axis in grid.axes))
+    plan = Plan(grid, chosen(quantities, taken), times, duration, sample_rate)
     if out is not None:
         return _swept(plan, Path(out), workers, executor, progress)
     with TemporaryDirectory() as folder:

@@ -99,8 +99,9 @@ _ALL = (
 QUANTITIES = {quantity.name: quantity for quantity in _ALL}
 
 
-def chosen(quantities: Sequence[str | Quantity]) -> tuple[Quantity, ...]:
-    """The quantities, those of `QUANTITIES` by name; ValueError for an unknown name, none, or one twice."""
+def chosen(quantities: Sequence[str | Quantity], taken: Sequence[str]) -> tuple[Quantity, ...]:
+    """The quantities, those of `QUANTITIES` by name; ValueError for an unknown name, none, one twice, or one that is
+    `taken` by something else in a table."""
     found = []
     for asked in quantities:
         if isinstance(asked, str) and asked not in QUANTITIES:
@@ -109,4 +110,7 @@ def chosen(quantities: Sequence[str | Quantity]) -> tuple[Quantity, ...]:
     names = [quantity.name for quantity in found]
     if not names or len(set(names)) < len(names):
         raise ValueError(f"the quantities are {', '.join(names) or 'none'}; name one or more, each once")
+    for name in (*taken, "status", "problem", "time"):
+        if name in names:
+            raise ValueError(f"a quantity is named {name!r}, which is something else in a table; rename it")
     return tuple(found)
