@@ -183,8 +183,9 @@ def _claims(tables: Tables) -> Sequence[Claim]:
     expected = (new - worn)[both]
     odd = np.flatnonzero(orders % 2 == 1)[1:-1]
     beside = np.maximum(main[odd - 1, 1], main[odd + 1, 1])
-    apart = {bobs: at(f"lambda, N = {bobs}, hanging [1/s]", table)[:, 0] - main[:, 0] for bobs in (3, 5)}
-    apart = {bobs: difference[np.isfinite(difference)] for bobs, difference in apart.items()}
+    others = ("N = 3, hanging", "N = 5, hanging", "N = 2, unstretched")
+    apart = {other: at(f"lambda, {other} [1/s]", table)[:, 0] - main[:, 0] for other in others}
+    apart = {other: difference[np.isfinite(difference)] for other, difference in apart.items()}
     narrow, wide = (at(f"lambda, {angle} rad [1/s]", tables["angles"])[odd, 0] for angle in (ANGLE, ANGLES[-1]))
     drift = (wide - narrow) / orders[odd]
     most = (ANGLE**2 - ANGLES[-1] ** 2) / 16.0
@@ -231,12 +232,12 @@ def _claims(tables: Tables) -> Sequence[Claim]:
             + ", ".join(str(n) for n in orders[both]),
         ),
         Claim.judged(
-            "the number of bobs moves no peak",
+            "neither the number of bobs nor the start moves a peak",
             BEYOND,
             all(len(d) > 0 and np.abs(d).max() < 0.1 for d in apart.values()),
             "; ".join(
-                f"N = {bobs}: {len(d)} of them, 1/β off those of N = 2 by {np.abs(d).max():.3f} at most"
-                for bobs, d in apart.items()
+                f"{other} start: {len(d)} of them, 1/β off those of {_MAIN} start by {np.abs(d).max():.3f} at most"
+                for other, d in apart.items()
             ),
         ),
         Claim.judged(
