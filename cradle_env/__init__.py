@@ -27,6 +27,7 @@ _PUBLIC = {
     "sigma": "synchronization",
     "simulate": "simulation",
     "simulate_batch": "simulation",
+    "string_tension": "strings",
 }
 
 __all__ = [*_PUBLIC]

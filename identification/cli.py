@@ -185,6 +185,32 @@ def diagnose(
 
 
 @app.command()
+def reproduce(
+    out: Out,
+    only: Annotated[
+        list[str] | None, typer.Option(metavar="FIGURE", help="A figure by its name, as fig7. Repeat at will.")
+    ] = None,
+    values: Annotated[int, typer.Option(help="Values of each parameter in the sweeps, at least 16.")] = 400,
+    calibration: Annotated[
+        Path | None,
+        typer.Option(metavar="DIR", help="Folder that `cradle calibrate` wrote, whose uncertainty the bands show; an"
+                     " example, simulated and calibrated here, where omitted."),
+    ] = None,
+    seed: Seed = 0,
+    workers: Workers = None,
+) -> None:  # fmt: skip
+    """Make the figures of Lee & Hong from the equations, and judge their claims: claims.md, and a folder per figure.
+
+    Each folder holds a picture as PDF and PNG and the tables behind it. The same command goes on where it was
+    interrupted.
+    """
+    from identification import commands
+
+    with _kept(f"{out} holds the figures that were finished, and the same command goes on from there"):
+        commands.reproduce(out, only or [], values, calibration, seed, workers)
+
+
+@app.command()
 def sweep(
     out: Out,
     over: Annotated[

@@ -251,11 +251,7 @@ def predict(
     workers: int | None,
 ) -> None:
     """Predicts σ(t) and λ from a calibration and writes them."""
-    file = folder / "posterior.nc" if folder.is_dir() else folder
-    if not file.is_file():
-        raise FileNotFoundError(
-            2, "no posterior there; make one with cradle calibrate EXPERIMENT.toml --out", str(file)
-        )
+    file = _posterior_file(folder)
     with Progress() as progress:
         progress("load", None)
         posterior = dataclasses.replace(Posterior.load(file, workers), seed=seed)
@@ -272,6 +268,32 @@ def predict(
         if not content["calibration"][key]:
             print(f"cradle: of the calibration: {verdict(posterior.summary())}", file=sys.stderr)
     print(f"picture: {out / 'prediction.png'}")
+
+
+def _posterior_file(folder: Path) -> Path:
+    """The posterior of a calibration, by its folder or itself."""
+    file = folder / "posterior.nc" if folder.is_dir() else folder
+    if not file.is_file():
+        raise FileNotFoundError(
+            2, "no posterior there; make one with cradle calibrate EXPERIMENT.toml --out", str(file)
+        )
+    return file
+
+
+def reproduce(
+    out: Path, only: Sequence[str], values: int, calibration: Path | None, seed: int, workers: int | None
+) -> None:
+    """Makes the paper's figures and judges its claims."""
+    from identification.reproduce.run import reproduce as run
+
+    source = None if calibration is None else _posterior_file(calibration)
+    with Progress() as progress:
+        content = run(out, only, values=values, calibration=source, seed=seed, workers=workers, progress=progress)
+    print_table(
+        ("verdict", "figure", "claim"),
+        [(claim["verdict"], claim["figure"], claim["statement"]) for claim in content["claims"]],
+    )
+    print(f"claims, with their numbers: {out / 'claims.md'}")
 
 
 _COLUMNS = ("quantity", "median ± sd", "68 % interval", "95 % interval", "unit")

@@ -22,10 +22,11 @@ Tell = Callable[[float, str], None]
 
 
 def table_text(columns: Mapping[str, np.ndarray]) -> str:
-    """A CSV of columns (T,) by their labels, to nine digits."""
+    """A CSV of columns (T,) by their labels, to nine digits; labels with a comma in quotes."""
     rows = np.column_stack([np.asarray(column, dtype=float) for column in columns.values()])
     lines = (",".join("" if value != value else f"{value:.9g}" for value in row) for row in rows.tolist())
-    return "\n".join([",".join(columns), *lines, ""])
+    labels = (f'"{label}"' if "," in label else label for label in columns)
+    return "\n".join([",".join(labels), *lines, ""])
 
 
 def cradle_values(cradle: Cradle) -> dict[str, Any]:

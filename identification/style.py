@@ -71,6 +71,14 @@ def png(figure: Figure) -> bytes:
     return buffer.getvalue()
 
 
+@styled
+def pdf(figure: Figure) -> bytes:
+    """The picture as the content of a PDF file: lines and letters as such, images embedded."""
+    buffer = io.BytesIO()
+    figure.savefig(buffer, format="pdf", dpi=_DPI, metadata={"CreationDate": None, "Producer": None, "Creator": None})
+    return buffer.getvalue()
+
+
 def bob_styles(bobs: int) -> Iterator[dict[str, Any]]:
     """Colour and dashes of each bob's line."""
     for i in range(bobs):

@@ -120,7 +120,7 @@ def test_predict_refuses_impossible_settings(setting, calibrated, tmp_path, caps
     refusal(capsys)
 
 
-@pytest.mark.parametrize("command", ["", "new", "simulate", "sweep", "calibrate", "predict", "bench"])
+@pytest.mark.parametrize("command", ["", "new", "simulate", "sweep", "calibrate", "predict", "reproduce", "bench"])
 def test_help(command, capsys):
     assert run(*command.split(), "--help") == 0
     assert "Usage" in capsys.readouterr().out

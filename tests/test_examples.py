@@ -28,6 +28,13 @@ def test_the_readme_has_the_catalogue_of_now():
     assert catalogue["updated"](text) == text, "run python examples/catalogue.py --write"
 
 
+def test_the_readme_has_the_claims_of_the_run_that_is_kept():
+    claims = example("claims")
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    assert claims["table"]() in text
+    assert claims["updated"](text) == text, "run python examples/claims.py --write DIR"
+
+
 def test_the_example_experiment_is_what_its_script_makes(tmp_path):
     example("make_example")["make"](tmp_path, duration=3.0)
     shipped, made = (Experiment.load(folder / "experiment.toml") for folder in (EXAMPLES / "ring-2", tmp_path))

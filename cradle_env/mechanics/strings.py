@@ -8,7 +8,7 @@ strings only ever load, from (0, 0).
 
 import math
 
-from cradle_env.mechanics.jit import jit, leaf
+from cradle_env.mechanics.jit import entry, jit, leaf
 from cradle_env.mechanics.parameters import BRANCH, LOADING, SLACK, TENSION, UNLOADING
 
 
@@ -65,6 +65,18 @@ def turn(cradle, bob, S, i, s, speed):
     if following != branch:
         take_branch(bob, S, i, following, s, t)
     return following != branch
+
+
+@entry
+def follow(cradle, bob, S, path, out):
+    """Tension [N] of one string of `bob`, new and unstretched, along a path of stretches s >= 0 [m], (K,), into out."""
+    take_branch(bob, S, 0, LOADING, 0.0, 0.0)
+    before = 0.0
+    for k, s in enumerate(path):
+        if s != before:
+            turn(cradle, bob, S, 0, before, s - before)
+        out[k] = tension(S[0, TENSION], S[0, TENSION + 1], S[0, TENSION + 2], s)
+        before = s
 
 
 @jit

@@ -50,7 +50,7 @@ def _require_sigma(run: Trajectory) -> None:
         raise ValueError("release angle is 0 rad; σ is relative to it, so lift a bob")
 
 
-def _synchronized(run: Trajectory) -> int | None:
+def synchronized(run: Trajectory) -> int | None:
     """Index of the first sample from which on σ < 0.05 for a whole period; None if there is none."""
     whole = math.ceil(run.cradle.period / (run.t[1] - run.t[0]))
     below = np.concatenate([[0], np.cumsum(_sigma(run) < SYNCHRONIZED_AT)])
@@ -59,12 +59,12 @@ def _synchronized(run: Trajectory) -> int | None:
 
 
 def _synchronization_time(run: Trajectory) -> float:
-    index = _synchronized(run)
+    index = synchronized(run)
     return math.nan if index is None else float(run.t[index])
 
 
 def _energy_share(run: Trajectory) -> float:
-    index, energy = _synchronized(run), run.swing_energy()
+    index, energy = synchronized(run), run.swing_energy()
     return math.nan if index is None else float(energy[index] / energy[0])
 
 

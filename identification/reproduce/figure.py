@@ -1,0 +1,104 @@
+"""What a figure of the reproduction is: tables computed from the equations, drawn, and the claims they bear on."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from cradle_env.cradle import Cradle, Release
+from identification.sweep import Grid, Quantity, Swept, sweep
+
+if TYPE_CHECKING:
+    import matplotlib.figure
+
+    from identification.posterior import Posterior
+
+#: Columns by their labels with units, each (rows,); the tables of a figure by their names.
+Table = Mapping[str, np.ndarray]
+Tables = Mapping[str, Table]
+
+HOLDS, HOLDS_IF, FAILS = "holds", "holds if", "does not hold"
+#: Source of a claim that the paper does not make.
+BEYOND = "beyond"
+#: The release of the standard set, γ = 0.00868 [rad].
+ANGLE = 0.228
+#: Numbers of bobs that every sweep is made for.
+BOBS = (2, 3, 5)
+STANDARD_RELEASE = Release(angle=ANGLE)
+#: Samples of θ per second from which σ and λ are taken in sweeps: λ changes by less than 2e-4 of itself against 240.
+SAMPLE_RATE = 120.0
+
+
+@dataclass(frozen=True)
+class Claim:
+    """A statement and what the run says of it.
+
+    source: the paper's section that states it, or BEYOND; verdict: HOLDS, HOLDS_IF (then `condition` says if what) or
+    FAILS; evidence: the numbers, in words.
+    """
+
+    statement: str
+    source: str
+    verdict: str
+    evidence: str
+    condition: str = ""
+
+    @classmethod
+    def judged(
+        cls, statement: str, source: str, holds: bool, evidence: str, condition: str = "", otherwise: bool = False
+    ) -> Claim:
+        """HOLDS where it does; else HOLDS_IF the condition where the weaker reading (`otherwise`) does; else FAILS."""
+        verdict = HOLDS if holds else HOLDS_IF if otherwise else FAILS
+        return cls(statement, source, verdict, evidence, condition if verdict == HOLDS_IF else "")
+
+
+@dataclass(frozen=True)
+class Study:
+    """How finely all is computed, and what is known already.
+
+    values: of each parameter in a sweep; workers: threads; scratch: folder for sweeps that are not finished; posterior:
+    whose uncertainty the bands show; tell(fraction, text): how far the figure in work is; tables: those of the figures
+    that this one needs.
+    """
+
+    values: int
+    workers: int | None
+    scratch: Path
+    posterior: Callable[[], Posterior]
+    tell: Callable[[float | None, str], None] = lambda *_: None
+    tables: Mapping[str, Tables] = field(default_factory=dict)
+
+    def sweep(
+        self,
+        name: str,
+        axes: Mapping[str, Any],
+        cradle: Cradle,
+        release: Release = STANDARD_RELEASE,
+        quantities: Sequence[str | Quantity] = ("lambda",),
+        times: np.ndarray | None = None,
+    ) -> Swept:
+        """`sweep` over 60 s; a sweep of this name goes on where it was interrupted."""
+
+        def tell(_: str, fraction: float | None, text: str = "") -> None:
+            self.tell(fraction, f"{name}: {text}")
+
+        return sweep(
+            Grid(axes, cradle, release), quantities, sample_rate=SAMPLE_RATE, times=times, out=self.scratch / name,
+            workers=self.workers, progress=tell,
+        )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Figure:
+    """A figure by its name. `needs` names the figures whose tables `data` reads from the study."""
+
+    name: str
+    title: str
+    data: Callable[[Study], Tables]
+    draw: Callable[[Tables], matplotlib.figure.Figure]
+    claims: Callable[[Tables], Sequence[Claim]] = lambda _: ()
+    needs: tuple[str, ...] = ()

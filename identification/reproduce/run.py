@@ -1,0 +1,189 @@
+"""Makes the figures one by one, each with its tables, and the claims; goes on where it was interrupted."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import hashlib
+import json
+import re
+import shutil
+import time
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import cradle_env
+from cradle_env import __version__
+from cradle_env.errors import check_range, unknown_key
+from identification.files import ExperimentError, read_text
+from identification.posterior import Posterior
+from identification.reproduce import FIGURES
+from identification.reproduce.bands import calibrate_example
+from identification.reproduce.figure import FAILS, HOLDS_IF, Claim, Figure, Study, Tables
+from identification.results import table_text, write, write_json
+from identification.style import pdf, png, styled
+
+Progress = Callable[[str, float | None, str], None]
+FORMAT, CLAIMS_FORMAT = "cradle-figure/1", "cradle-claims/1"
+# Written last into a figure's folder: the figure is done.
+_STAMP = "figure.json"
+
+
+def reproduce(
+    out: Path,
+    only: Sequence[str] = (),
+    *,
+    values: int = 400,
+    calibration: Path | None = None,
+    seed: int = 0,
+    workers: int | None = None,
+    progress: Progress = lambda *_: None,
+) -> dict[str, Any]:
+    """Writes figures into folders of `out` by their names, and claims.md and claims.json of all that is there.
+
+    only: names of figures, all where omitted; those that others rest on are made too. values: of each parameter in a
+    sweep. calibration: posterior.nc of `cradle calibrate` whose uncertainty the bands show; an example, simulated and
+    calibrated here, where omitted. What is done already, with the same program and input, is not done again. Returns
+    the content of claims.json. Raises ValueError for a name that no figure has.
+    """
+    check_range("values", values, "", 16, remedy="fewer show no curve")
+    named = {figure.name: figure for figure in FIGURES}
+    for name in only:
+        if name not in named:
+            raise ValueError(unknown_key("figure", name, list(named)))
+    source = None if calibration is None else calibration.read_bytes()
+    posterior = functools.partial(calibrate_example, out / "calibration", seed, workers, progress)
+    if calibration is not None:
+        posterior = functools.partial(_loaded, calibration, seed, workers)
+    inputs = hashlib.sha256(json.dumps([_sources(), values, seed]).encode() + (source or b"")).hexdigest()
+    # Named by the inputs: what an earlier program left unfinished is not gone on with.
+    scratch = out / f".unfinished-{inputs[:12]}"
+    for stale in set(out.glob(".unfinished-*")) - {scratch}:
+        shutil.rmtree(stale)
+    study = Study(values, workers, scratch, posterior)
+    todo = _with_needs(only or list(named), named)
+    for k, name in enumerate(todo):
+        if _stamp(out / name).get("inputs") != inputs:
+            tell = lambda fraction, text, k=k, name=name: progress(  # noqa: E731
+                name, fraction, f"{text} (figure {k + 1} of {len(todo)})"
+            )
+            tables = {other: _read_tables(out / other) for other in named[name].needs}
+            _make(named[name], dataclasses.replace(study, tell=tell, tables=tables), out / name, inputs)
+            shutil.rmtree(scratch, ignore_errors=True)
+    return _write_claims(out, inputs)
+
+
+def _loaded(file: Path, seed: int, workers: int | None) -> Posterior:
+    return dataclasses.replace(Posterior.load(file, workers), seed=seed)
+
+
+def _sources() -> str:
+    """A hash of the program that makes the figures: numbers of another version are not mixed in."""
+    digest = hashlib.sha256()
+    here = Path(__file__).parent
+    for folder in (Path(cradle_env.__file__).parent, here, here.parent / "sweep"):
+        for file in sorted(folder.rglob("*.py")):
+            digest.update(file.read_bytes())
+    return digest.hexdigest()
+
+
+def _with_needs(names: Iterable[str], figures: Mapping[str, Figure]) -> list[str]:
+    """The names and those of the figures they rest on, in the order of the list."""
+    wanted = set(names)
+    for figure in reversed(list(figures.values())):
+        if figure.name in wanted:
+            wanted |= set(figure.needs)
+    return [name for name in figures if name in wanted]
+
+
+def _stamp(folder: Path) -> dict[str, Any]:
+    """What the stamp of a figure's folder says; empty where the figure was never finished."""
+    try:
+        return json.loads(read_text(folder / _STAMP)[0])
+    except (ExperimentError, json.JSONDecodeError):
+        return {}
+
+
+def _make(figure: Figure, study: Study, folder: Path, inputs: str) -> None:
+    """Computes, draws and judges one figure. Picture and claims are of the tables as they were written."""
+    began, cpu = time.monotonic(), time.process_time()
+    study.tell(0.0, figure.title)
+    tables = figure.data(study)
+    shutil.rmtree(folder, ignore_errors=True)
+    for name, table in tables.items():
+        write(folder / f"{name}.csv", table_text(_padded(table)))
+    tables = _read_tables(folder)
+    study.tell(1.0, "draw")
+    drawn = styled(figure.draw)(tables)
+    write(folder / f"{figure.name}.png", png(drawn))
+    write(folder / f"{figure.name}.pdf", pdf(drawn))
+    content = {
+        "format": FORMAT,
+        "version": __version__,
+        "inputs": inputs,
+        "title": figure.title,
+        "seconds": round(time.monotonic() - began, 1),
+        "processor_seconds": round(time.process_time() - cpu, 1),
+        "claims": [dataclasses.asdict(claim) for claim in figure.claims(tables)],
+    }
+    write_json(folder / _STAMP, content)
+
+
+def _padded(table: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """Columns of one length; what is short is filled up with empty fields."""
+    rows = max(map(len, table.values()))
+    return {key: np.append(column, np.full(rows - len(column), np.nan)) for key, column in table.items()}
+
+
+def _read_tables(folder: Path) -> Tables:
+    """The tables that a figure wrote, without the empty fields at the ends of columns."""
+    tables = {}
+    for file in sorted(folder.glob("*.csv")):
+        header, *lines = read_text(file)[0].splitlines()
+        rows = np.array([[float(cell or "nan") for cell in line.split(",")] for line in lines])
+        tables[file.stem] = {label: _trimmed(rows[:, k]) for k, label in enumerate(_labels(header))}
+    return tables
+
+
+def _labels(header: str) -> list[str]:
+    import csv
+
+    return next(csv.reader([header]))
+
+
+def _trimmed(column: np.ndarray) -> np.ndarray:
+    filled = np.flatnonzero(~np.isnan(column))
+    return column[: filled[-1] + 1] if len(filled) else column[:0]
+
+
+def _write_claims(out: Path, inputs: str) -> dict[str, Any]:
+    """claims.json and claims.md, of the figures that are there and up to date."""
+    stamps = {figure.name: _stamp(out / figure.name) for figure in FIGURES}
+    done = {name: stamp for name, stamp in stamps.items() if stamp.get("inputs") == inputs}
+    content = {
+        "format": CLAIMS_FORMAT,
+        "version": __version__,
+        "inputs": inputs,
+        "figures": {name: stamp["title"] for name, stamp in done.items()},
+        "claims": [{**claim, "figure": name} for name, stamp in done.items() for claim in stamp["claims"]],
+    }
+    write_json(out / "claims.json", content)
+    write(out / "claims.md", f"# What the model says of the paper's claims\n\n{claims_table(content)}\n")
+    return content
+
+
+def claims_table(content: Mapping[str, Any]) -> str:
+    """The claims of claims.json as a table in Markdown."""
+    lines = ["| claim | of | verdict | numbers | figure |", "|---|---|---|---|---|"]
+    for entry in content["claims"]:
+        claim = Claim(**{key: value for key, value in entry.items() if key != "figure"})
+        verdict = f"holds if {claim.condition}" if claim.verdict == HOLDS_IF else claim.verdict
+        verdict = f"**{verdict}**" if claim.verdict == FAILS else verdict
+        source = claim.source if claim.source[0].isalpha() else f"§ {claim.source}"
+        cells = (claim.statement, source, verdict, claim.evidence, entry["figure"])
+        lines.append("| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |")
+    lines = [re.sub(r"(?<![\w.])-(?=\d)", "−", line) for line in lines]
+    return "\n".join(lines)
