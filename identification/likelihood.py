@@ -12,6 +12,7 @@ import numpy as np
 from cradle_env.cradle import Cradle, InitialState, Release
 from cradle_env.simulation import SimulationError, equilibrium, in_threads, simulate
 from cradle_env.synchronization import WINDOW, newton_exponent, sigma
+from cradle_env.trajectory import Trajectory
 from identification.experiment import Experiment
 from identification.measurement import Instrument
 from identification.noise import noise_of
@@ -110,6 +111,13 @@ class Likelihood:
         assert isinstance(beginning, Release)
         end, theta0 = beginning.lead(cradle)
         return readings, float(newton_exponent(grid, sigma(grid, theta[:, end], theta0, cradle.period)))
+
+    def motion(self, values: Mapping[str, float], index: int, times: np.ndarray) -> Trajectory:
+        """The cradle with these values in run `index` at times (T,) [s] of its file; at rest before it begins."""
+        cradle = self.cradle(values, self.experiment.runs[index])
+        beginning, zero = self.beginning(values, index)
+        true = np.maximum((times - zero) / self.instrument(cradle, index).clock, 0.0)
+        return simulate(cradle, beginning, times=true, ledger=False, step_factor=STEP_FACTOR)
 
     def instrument(self, cradle: Cradle, index: int) -> Instrument:
         """What turned the motion of the cradle into the readings of run `index`."""

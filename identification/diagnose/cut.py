@@ -11,11 +11,12 @@ import math
 import numpy as np
 from scipy.optimize import least_squares
 
-from cradle_env.simulation import in_threads, simulate
+from cradle_env.simulation import in_threads
 from identification.diagnose.fitted import Fitted, Readings
 from identification.diagnose.search import placed
+from identification.diagnose.windows import divided
 from identification.fit import bounds, steps
-from identification.likelihood import STEP_FACTOR, Likelihood, hanging_radius
+from identification.likelihood import Likelihood, hanging_radius
 from identification.runs import Run
 
 #: Width of a window, in small-angle periods, and evaluations by which its start states are found.
@@ -96,18 +97,13 @@ def _jacobian(likelihood: Likelihood, point: np.ndarray) -> np.ndarray:
 
 def _edges(times: np.ndarray, width: float) -> np.ndarray:
     """Where windows begin, and past the end of the last; readings (T,) [s]."""
-    count = max(1, round((times[-1] - times[0]) / width))
-    return np.append(np.linspace(times[0], times[-1], count + 1)[:-1], np.inf)
+    return np.append(divided(times[0], times[-1], width)[:-1], np.inf)
 
 
 def _states(fitted: Fitted, index: int, starts: np.ndarray) -> list[dict[str, float]]:
     """Of run `index` at each time [s], the model's state by the names of the unknowns of a free start."""
-    likelihood = fitted.likelihood
-    beginning, zero = likelihood.beginning(fitted.values, index)
-    cradle = likelihood.cradle(fitted.values, fitted.experiment.runs[index])
-    motion = simulate(
-        cradle, beginning, times=np.maximum(starts - zero, 0.0), ledger=False, step_factor=STEP_FACTOR
-    )  # fmt: skip
+    motion = fitted.likelihood.motion(fitted.values, index, starts)
+    cradle = motion.cradle
     hanging = hanging_radius(cradle)
     found = []
     for row in range(len(starts)):

@@ -9,12 +9,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from cradle_env.cradle import InitialState
-from cradle_env.simulation import SimulationError, simulate
+from cradle_env.simulation import SimulationError
 from identification.diagnose.fitted import Fitted, span
-from identification.likelihood import STEP_FACTOR
 
 #: Width of a window, in small-angle periods.
-WIDTH = 2.0
+_WIDTH = 2.0
 #: Readings are near an impact within so many seconds of it.
 _NEAR = 0.025
 #: Differences of a start state are so many noises wide.
@@ -56,10 +55,9 @@ def motions(fitted: Fitted) -> list[Motion]:
 def _motion(fitted: Fitted, index: int) -> Motion:
     likelihood, at = fitted.likelihood, fitted.readings
     rows = np.flatnonzero(at.run == index)
-    beginning, zero = likelihood.beginning(fitted.values, index)
-    cradle = likelihood.cradle(fitted.values, fitted.experiment.runs[index])
-    instants, row = np.unique(np.maximum(at.time[rows] - zero, 0.0), return_inverse=True)
-    run, bob = simulate(cradle, beginning, times=instants, ledger=False, step_factor=STEP_FACTOR), at.bob[rows]
+    times, row = np.unique(at.time[rows], return_inverse=True)
+    run, bob = likelihood.motion(fitted.values, index, times), at.bob[rows]
+    cradle, instants = run.cradle, run.t
     near = np.zeros(len(row), bool)
     for i in range(cradle.bobs):
         hits = np.unique(run.impacts["time"][np.isin(run.impacts["pair"], (i, i + 1))])
@@ -83,24 +81,24 @@ def windows(fitted: Fitted) -> list[Window]:
 def edges(fitted: Fitted, index: int) -> np.ndarray:
     """Times [s] in the file of a run at which its windows begin, and the end of the last."""
     time = fitted.readings.time[fitted.readings.run == index]
-    count = max(1, round((time.max() - time.min()) / (WIDTH * fitted.cradle.period)))
-    return np.linspace(time.min(), time.max(), count + 1)
+    return divided(float(time.min()), float(time.max()), _WIDTH * fitted.cradle.period)
+
+
+def divided(begin: float, end: float, width: float) -> np.ndarray:
+    """Ends of equal windows, about so wide, between two times [s]."""
+    return np.linspace(begin, end, max(1, round((end - begin) / width)) + 1)
 
 
 def _of_run(fitted: Fitted, index: int) -> list[Window]:
     likelihood, at, run = fitted.likelihood, fitted.readings, fitted.experiment.runs[index]
     values, cradle = fitted.values, likelihood.cradle(fitted.values, run)
-    beginning, zero = likelihood.beginning(values, index)
     ends, found = edges(fitted, index), []
     noise = likelihood.weighing[index] / (1.0 if run.quantity == "theta" else cradle.length)
     omega = 2.0 * np.pi / cradle.period
     steps = _APART * noise * np.array([1.0] * cradle.bobs + [omega] * cradle.bobs)
     # What it takes to turn changes of (θ, θ̇) into energy: that of one bob on a string of the nominal length.
     weight, inertia = cradle.mass * cradle.gravity * cradle.length, cradle.mass * cradle.length**2
-    clock = likelihood.instrument(cradle, index).clock
-    starts = simulate(
-        cradle, beginning, times=np.maximum((ends[:-1] - zero) / clock, 0.0), ledger=False, step_factor=STEP_FACTOR
-    )
+    starts = likelihood.motion(values, index, ends[:-1])
     for i, (low, high) in enumerate(itertools.pairwise(ends)):
         inside = (at.run == index) & (at.time >= low) & ((at.time < high) | (high == ends[-1]))
         rows = np.flatnonzero(inside)
