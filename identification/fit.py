@@ -19,8 +19,6 @@ _DRAWS, _REFINED, _FINISHED = 120, 5, 2
 _EARLY_PERIODS = 8.0
 #: Relative steps of κ at which its shallow modes, 1–2 % apart, are looked for around the best point.
 _LADDER = (-0.06, -0.045, -0.03, -0.02, -0.01, 0.01, 0.02, 0.03, 0.045, 0.06)
-#: How far apart, in noises over all readings, the ends of a wide difference are at least; attempts at such a step.
-_APART, _WIDENINGS = 5.0, 5
 #: The residual [sigma] of every reading at an impossible point.
 _IMPOSSIBLE = 1e4
 
@@ -115,7 +113,7 @@ def bounds(likelihood: Likelihood) -> tuple[np.ndarray, np.ndarray]:
     return low + inset, high - inset
 
 
-def _safe_residuals(likelihood: Likelihood, point: np.ndarray, length: int | None = None) -> np.ndarray:
+def safe_residuals(likelihood: Likelihood, point: np.ndarray, length: int | None = None) -> np.ndarray:
     """Residuals, or huge ones where the point is impossible."""
     try:
         return likelihood.residuals(point)
@@ -152,39 +150,8 @@ def jacobian(likelihood: Likelihood, point: np.ndarray, base: np.ndarray) -> np.
     width = steps(likelihood)
     width = np.where(point + width > high, -width, width)
     moved = point + np.diag(width)
-    columns = in_threads(lambda z: _safe_residuals(likelihood, z, len(base)), list(moved), likelihood.workers)
+    columns = in_threads(lambda z: safe_residuals(likelihood, z, len(base)), list(moved), likelihood.workers)
     return (np.array(columns) - base).T / width
-
-
-def broad_jacobian(likelihood: Likelihood, point: np.ndarray, base: np.ndarray) -> np.ndarray:
-    """Derivatives of the residuals (R, D), by differences to both sides as wide as the readings tell them apart well.
-
-    With three bobs and more the order of impacts flips at certain values, and readings jump there by part of a noise:
-    derivatives over less than the distance of such jumps say nothing of how well a parameter is known.
-    """
-    low, high = bounds(likelihood)
-    narrow = np.linalg.norm(jacobian(likelihood, point, base), axis=0)
-    first = np.maximum(_APART / np.maximum(narrow, 1e-300), steps(likelihood))
-
-    def between(i: int, step: float) -> tuple[np.ndarray, float]:
-        """(change of the residuals, of the coordinate) over a step to either side."""
-        below, above = point.copy(), point.copy()
-        below[i], above[i] = max(point[i] - step, low[i]), min(point[i] + step, high[i])
-        change = _safe_residuals(likelihood, above, len(base)) - _safe_residuals(likelihood, below, len(base))
-        return change, float(above[i] - below[i])
-
-    def column(i: int) -> np.ndarray:
-        step = float(first[i])
-        change, width = between(i, step)
-        for _ in range(_WIDENINGS):
-            apart = float(np.linalg.norm(change))
-            if _APART < apart < 4.0 * _APART or width < step:
-                break
-            step *= float(np.clip(2.0 * _APART / max(apart, 1e-300), 0.1, 10.0))
-            change, width = between(i, step)
-        return change / width
-
-    return np.array(in_threads(column, list(range(len(point))), likelihood.workers)).T
 
 
 def refine(likelihood: Likelihood, point: np.ndarray, evaluations: int) -> tuple[np.ndarray, float]:
@@ -195,7 +162,7 @@ def refine(likelihood: Likelihood, point: np.ndarray, evaluations: int) -> tuple
     last: dict[str, np.ndarray] = {}
 
     def residuals(z: np.ndarray) -> np.ndarray:
-        last["point"], last["value"] = z.copy(), _safe_residuals(likelihood, z, length)
+        last["point"], last["value"] = z.copy(), safe_residuals(likelihood, z, length)
         return last["value"]
 
     def derivatives(z: np.ndarray) -> np.ndarray:

@@ -27,6 +27,8 @@ from .independent.soft_contact import SoftCradle
 STIFFENED = 1e6
 TARGETS = (15.0, 50.0, 200.0)
 NULLS, ROUNDS = 10, 12
+#: How many wrong models the oracle refits, and how often it tries a strength.
+_REFITTED, _SEARCHES = 3, 8
 
 
 @dataclass(frozen=True)
@@ -181,50 +183,74 @@ class Apparatus:
         )  # fmt: skip
 
 
-def oracle(apparatus: Apparatus, scratch: Path):
-    """delta(strengths): χ² that the best wrong model would leave of noiseless training data, to first order."""
-    from identification.diagnose.candidates import candidates
-    from identification.diagnose.fitted import Fitted, with_known_noise
-    from identification.diagnose.score import sensitivities
-    from identification.diagnose.search import Searcher, Store, placed
-    from identification.experiment import Experiment
+class Oracle:
+    """What an apparatus hides, by the χ² that the best wrong model, refitted, leaves of noiseless training data."""
 
-    clean = apparatus.record([0.0] * len(apparatus.case.kinds), False)
-    experiment = with_known_noise(Experiment.load(apparatus.write(scratch, clean)))
-    searcher = Searcher(Store(None, ""), 0, 1)
-    likelihood = searcher.likelihood(experiment)
-    fitted = Fitted(likelihood, placed(likelihood, {**apparatus.truth, "release_angle_error@1": 0.0}))
-    hidden = {kind.name for kind in apparatus.case.kinds}
-    right = hidden | _same(hidden)
-    wrong = []
-    for candidate in candidates(fitted.cradle):
-        if candidate.name not in right:
-            for sensed in sensitivities(fitted, searcher, candidate):
-                wrong.append(np.linalg.qr(fitted.project(sensed.S))[0])
-    rows = likelihood.rows[0]
+    def __init__(self, apparatus: Apparatus, scratch: Path):
+        from identification.diagnose.score import sensitivities
 
-    def delta(strengths: list[float]) -> float:
-        moved = (apparatus.record(strengths, False).readings - clean.readings)[rows] / apparatus.noise
+        self.apparatus, self.scratch = apparatus, scratch
+        self.clean = apparatus.record([0.0] * len(apparatus.case.kinds), False)
+        self.searcher, self.fitted = self._true(self.clean)
+        hidden = {kind.name for kind in apparatus.case.kinds}
+        right = hidden | _same(hidden)
+        self.wrong = [
+            (candidate, sensed, np.linalg.qr(self.fitted.project(sensed.S))[0])
+            for candidate in candidates_of(self.fitted) if candidate.name not in right
+            for sensed in sensitivities(self.fitted, self.searcher, candidate)
+        ]  # fmt: skip
+
+    def delta(self, strengths: list[float]) -> float:
+        """Δχ² at these strengths: of the wrong models that are nearest to first order, the nearest when refitted."""
+        recording, fitted = self.apparatus.record(strengths, False), self.fitted
+        moved = (self.clean.readings - recording.readings)[fitted.likelihood.rows[0]] / self.apparatus.noise
         d = fitted.project(np.concatenate([moved.ravel(), np.zeros(len(fitted.residuals) - moved.size)]))
-        return float(min((d @ d - np.sum((Q.T @ d) ** 2) for Q in wrong), default=d @ d))
+        left = [float(d @ d - np.sum((Q.T @ d) ** 2)) for *_, Q in self.wrong]
+        searcher, base = self._true(recording)
+        found = [searcher.nearby(base.experiment, base.values).chi2]
+        for i in np.argsort(left)[:_REFITTED]:
+            candidate, sensed, _ = self.wrong[i]
+            likely = [sensed.values(np.linalg.lstsq(fitted.project(sensed.S), -d)[0])]
+            try:
+                found.append(searcher.adding_beside(base, candidate, base, likely).chi2)
+            except ValueError:
+                continue
+        return min(found)
 
-    return delta
+    def _true(self, recording: Recording):
+        """A search over a recording, and the base model at the true values."""
+        from identification.diagnose.fitted import Fitted, with_known_noise
+        from identification.diagnose.search import Searcher, Store, placed
+        from identification.experiment import Experiment
+
+        experiment = with_known_noise(Experiment.load(self.apparatus.write(self.scratch, recording)))
+        searcher = Searcher(Store(None, ""), 0, 1)
+        likelihood = searcher.likelihood(experiment)
+        truth = {**self.apparatus.truth, "release_angle_error@1": self.apparatus.angle - self.apparatus.lifted}
+        return searcher, Fitted(likelihood, placed(likelihood, truth))
+
+
+def candidates_of(fitted) -> tuple:
+    """All that could be added to a model."""
+    from identification.diagnose.candidates import candidates
+
+    return tuple(candidates(fitted.cradle))
 
 
 def strengths_for(apparatus: Apparatus, scratch: Path) -> tuple[list[float], float]:
     """(strengths, Δχ² by the oracle) at which what is hidden leaves what the case asks; of two, each alone."""
-    case = apparatus.case
-    delta, found = oracle(apparatus, scratch), []
+    case, oracle, found = apparatus.case, Oracle(apparatus, scratch), []
     for i, kind in enumerate(case.kinds):
-        s = kind.strength
-        for _ in range(8):
-            reached = delta([s if j == i else 0.0 for j in range(len(case.kinds))])
-            if abs(np.log(reached / case.target)) < 0.15:
+        s, low, high = kind.strength, 0.001 * kind.strength, 100.0 * kind.strength
+        for _ in range(_SEARCHES):
+            reached = oracle.delta([s if j == i else 0.0 for j in range(len(case.kinds))])
+            if abs(np.log(max(reached, 1e-9) / case.target)) < 0.3:
                 break
-            s *= float(np.clip(np.sqrt(case.target / max(reached, 1e-9)), 0.1, 10.0))
-            s = min(max(s, 0.01 * kind.strength), 100.0 * kind.strength)
+            low, high = (s, high) if reached < case.target else (low, s)
+            better = s * float(np.clip(np.sqrt(case.target / max(reached, 1e-9)), 0.1, 10.0))
+            s = better if low < better < high else float(np.sqrt(low * high))
         found.append(s)
-    return found, delta(found)
+    return found, oracle.delta(found)
 
 
 def run(case: Case, folder: Path) -> None:

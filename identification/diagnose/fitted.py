@@ -10,9 +10,10 @@ import numpy as np
 
 from cradle_env.cradle import Cradle
 from identification.experiment import Experiment
-from identification.fit import broad_jacobian, training_rows
+from identification.fit import training_rows
 from identification.likelihood import Likelihood, rms
 from identification.noise import estimated_noise, noise_of
+from identification.rough import broad_jacobian
 
 #: Directions that the readings hold less than this share of, of the best known one, count as not seen at all.
 _RANK = 1e-9
@@ -87,7 +88,7 @@ class Fitted:
     @functools.cached_property
     def jacobian(self) -> np.ndarray:
         """Derivatives of the residuals with respect to the sampled coordinates, (R + P, D)."""
-        return broad_jacobian(self.likelihood, self.point, self.residuals)
+        return broad_jacobian(self.likelihood, self.point)
 
     @functools.cached_property
     def absorbed(self) -> np.ndarray:

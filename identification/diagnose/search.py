@@ -18,6 +18,7 @@ from identification.experiment import Experiment
 from identification.files import json_text, write_together
 from identification.fit import Progress, bounds, cost, early_rows, find_mode, refine, training_rows
 from identification.likelihood import Likelihood
+from identification.rough import polish
 
 #: Strengths at which a search starts, in scales of the parameter.
 _FACTORS = (0.1, 1.0, 3.0)
@@ -61,7 +62,8 @@ class Searcher:
         """The best mode of a model, from anywhere; each attempt draws other starts."""
         likelihood, seed = self.likelihood(experiment), self.seed + attempt
         key = _key("globally", experiment, seed)
-        return self._better(Fitted(likelihood, self.store.point(key, lambda: find_mode(likelihood, seed, tell).point)))
+        point = self.store.point(key, lambda: polish(likelihood, find_mode(likelihood, seed, tell).point))
+        return self._better(Fitted(likelihood, point))
 
     def settled(self, fitted: Fitted) -> Fitted:
         """The best mode of a model again, with more effort: other global searches, then fine steps of κ about the
@@ -81,13 +83,13 @@ class Searcher:
         likelihood = self.likelihood(experiment)
         key = _key("nearby", experiment, sorted(values.items()))
         point = placed(likelihood, values)
-        return self._better(Fitted(likelihood, self.store.point(key, lambda: refine(likelihood, point, _LAST)[0])))
+        return self._better(Fitted(likelihood, self.store.point(key, lambda: finished(likelihood, point))))
 
     def on_everything(self, fitted: Fitted) -> Fitted:
         """The fit moved to all readings that may be fitted, which choose nothing any more."""
         likelihood = Likelihood(fitted.experiment, None, self.workers)
         key = _key("on everything", fitted.experiment, fitted.point.tolist())
-        return Fitted(likelihood, self.store.point(key, lambda: refine(likelihood, fitted.point, _LAST)[0]))
+        return Fitted(likelihood, self.store.point(key, lambda: finished(likelihood, fitted.point)))
 
     def adding(self, fitted: Fitted, candidate: Candidate, likely: Sequence[Values] = ()) -> Fitted:
         """The best fit of the model with a candidate added: from the mode without it and from what was stated, at
@@ -100,7 +102,7 @@ class Searcher:
 
         def find() -> np.ndarray:
             if not own.parameters or len(candidate.effects) > 1:
-                return find_mode(likelihood, self.seed).point
+                return polish(likelihood, find_mode(likelihood, self.seed).point)
             origins = {**likelihood.values(likelihood.start()), **fitted.values}, {}
             several = [flat(own.name, values) for values in starts(own, fitted.cradle.bobs, _FACTORS)]
             tried = [placed(likelihood, {**origin, **values}) for values in several for origin in origins]
@@ -127,7 +129,7 @@ class Searcher:
         """The best fit of a model, once more: from where another model has its mode."""
         likelihood, point = fitted.likelihood, placed(fitted.likelihood, other.values)
         key = _key("beside", fitted.experiment, other.point.tolist())
-        return self._better(Fitted(likelihood, self.store.point(key, lambda: refine(likelihood, point, _LAST)[0])))
+        return self._better(Fitted(likelihood, self.store.point(key, lambda: finished(likelihood, point))))
 
     def _with(self, fitted: Fitted, candidate: Candidate) -> Likelihood:
         """The likelihood of the model with a candidate added, at its scale."""
@@ -167,8 +169,13 @@ def best_of(likelihood: Likelihood, tried: list[np.ndarray], early_too: bool) ->
     for point, least in sorted(reached, key=lambda pair: pair[1]):
         if all(abs(least - other) > 1e-2 for _, other in distinct):
             distinct.append((point, least))
-    finished = [refine(likelihood, point, _LAST) for point, _ in distinct[: _KEPT if early_too else 1]]
-    return min(finished, key=lambda pair: pair[1])[0]
+    ends = [refine(likelihood, point, _LAST) for point, _ in distinct[: _KEPT if early_too else 1]]
+    return polish(likelihood, min(ends, key=lambda pair: pair[1])[0])
+
+
+def finished(likelihood: Likelihood, point: np.ndarray) -> np.ndarray:
+    """The mode near a point, (D,)."""
+    return polish(likelihood, refine(likelihood, point, _LAST)[0])
 
 
 def climb(likelihood: Likelihood, point: np.ndarray) -> np.ndarray:

@@ -1,0 +1,87 @@
+"""Derivatives of a rough misfit, and descent over it.
+
+With three bobs and more the order of impacts flips at certain values of the unknowns, and readings jump there by part
+of a noise. Derivatives over less than the distance of such jumps say neither where a better mode lies nor how well an
+unknown is known; those over the width of what the readings tell apart say both.
+"""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+
+from cradle_env.simulation import in_threads
+from identification.fit import bounds, cost, safe_residuals, steps
+from identification.likelihood import Likelihood
+
+#: How far apart, in noises over all readings, the ends of a difference in one unknown are at least; attempts at such a
+#: step, the first in steps of a smooth misfit; half the difference in directions that are known independently of each
+#: other, in standard deviations.
+_APART, _ATTEMPTS, _WIDEST, _SPREAD = 5.0, 8, 1e3, 2.0
+#: Damping, relative to what the readings say of an unknown, and lengths of the steps tried; rounds at most, and the
+#: gain in χ² from which another is worth it.
+_DAMPINGS, _LENGTHS, _ROUNDS, _GAIN = (0.0, 1e-2, 1e-1), (1.0, 0.5, 0.2), 8, 0.5
+
+
+def broad_jacobian(likelihood: Likelihood, point: np.ndarray) -> np.ndarray:
+    """Derivatives of the residuals (R, D), by differences to both sides as wide as the readings tell them apart well:
+    first in each unknown alone, then along the principal directions that those show."""
+    first = np.array(in_threads(
+        lambda i: _column(likelihood, point, i), list(range(len(point))), likelihood.workers
+    )).T  # fmt: skip
+    lengths = np.maximum(np.linalg.norm(first, axis=0), 1e-300)
+    s, Vt = np.linalg.svd(first / lengths, full_matrices=False)[1:]
+    if s[-1] < 1e-7 * s[0]:
+        return first  # along what no reading holds, there is nothing to follow
+    directions = Vt.T / lengths[:, None] / s * _SPREAD
+    changes = in_threads(lambda v: _between(likelihood, point, v, len(first)), list(directions.T), likelihood.workers)
+    return np.linalg.solve(directions.T, np.array(changes)).T
+
+
+def _column(likelihood: Likelihood, point: np.ndarray, i: int) -> np.ndarray:
+    """Derivative with respect to one unknown, (R,): from a step that is far too wide down to one that fits, past the
+    single values at which a run comes out quite different."""
+    direction, length = np.eye(len(point))[i], len(likelihood.residuals(point))
+    step = _WIDEST * float(steps(likelihood)[i])
+    derivative = np.zeros(length)
+    for _ in range(_ATTEMPTS):
+        change = _between(likelihood, point, step * direction, length)
+        derivative, apart = change / step, 2.0 * float(np.linalg.norm(change))
+        if _APART < apart < 4.0 * _APART:
+            break
+        step *= float(np.clip(2.0 * _APART / max(apart, 1e-300), 0.1, 10.0))
+    return derivative
+
+
+def _between(likelihood: Likelihood, point: np.ndarray, step: np.ndarray, length: int) -> np.ndarray:
+    """Change of the residuals per step, (R,), from one step below the point to one above; as far as bounds allow."""
+    low, high = bounds(likelihood)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        room = np.where(step > 0.0, (high - point) / step, (low - point) / step)
+        back = np.where(step > 0.0, (point - low) / step, (point - high) / step)
+    above, below = (min(1.0, float(np.nanmin(np.where(step == 0.0, np.inf, r)))) for r in (room, back))
+    above, below = max(above, 0.0), max(below, 0.0)
+    change = safe_residuals(likelihood, point + above * step, length)
+    return (change - safe_residuals(likelihood, point - below * step, length)) / max(above + below, 1e-12)
+
+
+def polish(likelihood: Likelihood, point: np.ndarray) -> np.ndarray:
+    """Where steps by the broad derivatives lead from a point, on and on while χ² falls; (D,)."""
+    low, high = bounds(likelihood)
+    least = cost(likelihood, point)
+    for _ in range(_ROUNDS):
+        residuals = likelihood.residuals(point)
+        J = broad_jacobian(likelihood, point)
+        lengths = np.maximum(np.linalg.norm(J, axis=0), 1e-300)
+        H, slope = (J / lengths).T @ (J / lengths), (J / lengths).T @ residuals
+        tried = []
+        for damping, length in itertools.product(_DAMPINGS, _LENGTHS):
+            step = np.linalg.lstsq(H + damping * np.eye(len(H)), slope)[0] / lengths
+            tried.append(np.clip(point - length * step, low, high))
+        costs = in_threads(lambda z: cost(likelihood, z), tried, likelihood.workers)
+        best = int(np.argmin(costs))
+        if costs[best] > least - _GAIN:
+            break
+        point, least = tried[best], costs[best]
+    return point
