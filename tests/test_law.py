@@ -11,11 +11,12 @@ from cradle_env import Cradle, Release, effects, simulate
 from cradle_env.effects import LEARNED
 from cradle_env.model_files import read_model
 from identification import Experiment, diagnose
+from identification.diagnose.candidates import candidates
 from identification.diagnose.cut import windowed
 from identification.diagnose.decide import CLOSE
 from identification.diagnose.fitted import with_known_noise
 from identification.diagnose.intervals import intervals
-from identification.diagnose.law import inner, learn, scales_of, still_needed
+from identification.diagnose.law import advantage, inner, learn, scales_of
 from identification.diagnose.law_shape import Shape, terms_of
 from identification.diagnose.pictures import law_figure
 from identification.diagnose.report import save
@@ -79,14 +80,15 @@ def test_words_terms_and_picture(law):
     assert labels and all("[" in label for label in labels)
 
 
-def test_the_effect_that_is_there_is_still_needed_and_one_that_bends_towards_it_is_not(tmp_path, rubbed):
-    """Quadratic drag where it is hidden: a law, whose library holds the like, is no better. Added where the hidden
+def test_a_law_outdoes_an_effect_that_bends_towards_the_truth_and_not_the_true_one(tmp_path):
+    """Quadratic drag where it is hidden: a law, whose library holds the like, is no better. Named where the hidden
     friction is none of its kind, it gives way."""
-    true, searcher = fitted(tmp_path, {"quadratic_drag": {"c2": 0.01}}, effects=["quadratic_drag"])
-    assert still_needed(true, "quadratic_drag", searcher, QUIET) > -CLOSE
-    hidden = {"smooth_friction": {"tau_c": 1e-3}}
-    wrong, searcher = fitted(tmp_path / "wrong", hidden, effects=["quadratic_drag"])
-    assert still_needed(wrong, "quadratic_drag", searcher, QUIET) < -100.0
+    for hidden, given_up in (({"quadratic_drag": {"c2": 0.01}}, False), ({"smooth_friction": {"tau_c": 1e-3}}, True)):
+        base, searcher = fitted(tmp_path / str(given_up), hidden)
+        drag = next(c for c in candidates(base.cradle) if c.name == "quadratic_drag")
+        named, law = searcher.adding(base, drag), learn(base, searcher, QUIET)
+        assert law is not None
+        assert (advantage(law, named) > CLOSE) is given_up
 
 
 def test_where_nothing_known_fits_the_law_goes_into_the_model(rubbed, monkeypatch, tmp_path):

@@ -24,8 +24,9 @@ from identification.fit import Progress
 ALPHA = 0.01
 #: Candidates within so many units of log evidence of the best cannot be told apart from it.
 CLOSE = 3.0
-#: How many of the candidates with parameters are refitted, and from which surprise on.
-_REFITS, _WORTH = 8, 1.0
+#: How many of the candidates with parameters are refitted, and from which surprise on; the share of the best one's
+#: gain in χ² that others must come near to be fitted to the end, and the χ² within which of the best they always are.
+_REFITS, _WORTH, _NEAR, _ALWAYS = 8, 1.0, 0.3, 100.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,8 +74,10 @@ def refitted(fitted: Fitted, scored: Scored, searcher: Searcher, tell: Progress)
     likely = {s.candidate: s.likely for s in scored.scores}
     for i, candidate in enumerate(tried):
         tell("refit", 0.5 * i / len(tried), candidate.label)
+        least = min((fit.chi2 for fit in fits.values()), default=fitted.chi2)
+        enough = fitted.chi2 - _NEAR * (fitted.chi2 - least)
         try:
-            fits[candidate] = searcher.adding(fitted, candidate, likely[candidate])
+            fits[candidate] = searcher.adding(fitted, candidate, likely[candidate], max(enough, least + _ALWAYS))
         except (SimulationError, ValueError):  # this effect cannot be in this cradle
             continue
     best = min(fits, key=lambda candidate: fits[candidate].chi2, default=None)

@@ -27,15 +27,13 @@ VERDICTS = ("nothing_missing", "named", "equivalent", "unknown")
 class Diagnosis:
     """The answer: `verdict`, and all that led to it.
 
-    experiment: as given; repaired: the models examined and the steps between them; law: what was learned of the
-    remainder, None where there is none or it predicts nothing; final: the last model, the law in it, fitted to all
-    that may be fitted; advice: the next experiment, None where nothing is open; warnings: what to know about the
-    readings.
+    experiment: as given; repaired: the models examined and the steps between them, and the law learned of what they
+    leave; final: the last model, the law in it, fitted to all that may be fitted; advice: the next experiment, None
+    where nothing is open; warnings: what to know about the readings.
     """
 
     experiment: Experiment
     repaired: Repaired
-    law: Law | None
     final: Fitted
     advice: Advice | None
     seed: int
@@ -45,6 +43,11 @@ class Diagnosis:
     def base(self) -> Fitted:
         """The fit of the model as given."""
         return self.repaired.examined[0].fitted
+
+    @property
+    def law(self) -> Law | None:
+        """What was learned of the remainder, None where there is none or it predicts nothing."""
+        return self.repaired.law
 
     @property
     def last(self) -> Fitted:

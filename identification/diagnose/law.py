@@ -19,12 +19,11 @@ import numpy as np
 
 from cradle_env.effects import LEARNED
 from cradle_env.simulation import SimulationError
-from identification.diagnose.candidates import without_effect
 from identification.diagnose.cut import windowed
 from identification.diagnose.decide import colour, coloured
 from identification.diagnose.fitted import Fitted
 from identification.diagnose.search import Searcher, placed
-from identification.diagnose.terms import Linear, Scales, Term, extended
+from identification.diagnose.terms import Linear, Scales, Term, extended, library
 from identification.experiment import Experiment
 from identification.fit import Progress, refine, training_rows
 
@@ -112,19 +111,15 @@ def _free(
     return Fitted(likelihood, searcher.store.point(key, lambda: refine(likelihood, start, _EVALUATIONS)[0]))
 
 
-def still_needed(fitted: Fitted, name: str, searcher: Searcher, tell: Progress) -> float:
-    """Log evidence of an effect over the law that would stand in its place; it is needed unless that is below −CLOSE:
-    the library holds the like of some effects, and a law that only copies an effect comes out near 0.
-
-    fitted: a model with the effect among those added to its base. The effect is taken out, a law may be learned of
-    what is then left, and both models are compared on the training part, their unknowns counted. A law has some
-    dozens of terms to choose from, which this does not count: it is the law that is favoured, not the effect.
-    """
-    without = searcher.nearby(without_effect(fitted.experiment, name), fitted.values)
-    law = learn(without, searcher, tell)
-    rival = without if law is None else law.fitted
-    inflation, effective = coloured(min((fitted, rival), key=lambda one: one.chi2))
-    return 0.5 * ((rival.chi2 - fitted.chi2) / inflation - (len(fitted.point) - len(rival.point)) * math.log(effective))
+def advantage(law: Law, named: Fitted) -> float:
+    """Log evidence of a model with a law over one with effects named in its stead, on the training part: the unknowns
+    of both counted, and the terms that the law was free to choose from. The library holds the like of some effects:
+    a law that only copies an effect comes out near 0 or below."""
+    rival = law.fitted
+    inflation, effective = coloured(min((named, rival), key=lambda one: one.chi2))
+    more = len(rival.point) - len(named.point)
+    evidence = 0.5 * ((named.chi2 - rival.chi2) / inflation - more * math.log(effective))
+    return evidence - math.log(math.comb(len(library(rival.cradle)), len(law.terms)))
 
 
 def scales_of(fitted: Fitted) -> dict[str, float]:

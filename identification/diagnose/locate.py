@@ -23,13 +23,16 @@ _HARMONICS, _DEGREE = 3, 4
 #: Sectors of the swing's phase.
 _SECTORS = 8
 _MOST_SHOWN = 12
+#: Parts of a run from which the unknowns are inferred alone.
+_PARTS = (0.25, 0.5, 0.75)
 
 
 @dataclass(frozen=True)
 class Place:
     """Part of the residuals: rows (R',) among them, and what is sought there: orthonormal columns (R', k), or, with
     None, the sum of squares. bob −1: all bobs; phase: "all", "flight", "impact", a sector of the swing, "amplitude",
-    "frequency" or "energy" over the run, or "within" a window, the state at its start inferred."""
+    "frequency" or "energy" over the run, "unknowns" as its beginning has them, or "within" a window, the state at its
+    start inferred."""
 
     run: int
     bob: int
@@ -156,6 +159,7 @@ def all_places(fitted: Fitted, found: list[Window]) -> list[Place]:
                     places.append(add((float(low), float(high)), "flight", motion.rows[flight], basis))
                 if impact.sum() >= 3:
                     places.append(add((float(low), float(high)), "impact", motion.rows[impact], None))
+    places += _beginnings(fitted)
     for run in sorted({window.run for window in found}):
         places.append(_energy([window for window in found if window.run == run]))
     for window in found:
@@ -168,6 +172,19 @@ def all_places(fitted: Fitted, found: list[Window]) -> list[Place]:
             columns[mine] = _harmonics(omega * fitted.readings.time[window.rows][mine])
             left = columns - window.absorbed @ (window.absorbed.T @ columns)
             places.append(Place(window.run, int(bob), window.interval, "within", window.rows, span(left)))
+    return places
+
+
+def _beginnings(fitted: Fitted) -> list[Place]:
+    """The first parts of each run by what the unknowns would be from them alone: of a model that only bends towards
+    the data, they differ from what they are over all."""
+    places = []
+    for run in np.unique(fitted.readings.run):
+        first, last = (end(fitted.readings.time[fitted.readings.run == run]) for end in (np.min, np.max))
+        for part in _PARTS:
+            until = float(first + part * (last - first))
+            rows = np.flatnonzero((fitted.readings.run == run) & (fitted.readings.time <= until))
+            places.append(Place(int(run), -1, (float(first), until), "unknowns", rows, span(fitted.jacobian[rows])))
     return places
 
 

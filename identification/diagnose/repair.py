@@ -10,11 +10,12 @@ import numpy as np
 
 from cradle_env.effects import effect
 from cradle_env.simulation import SimulationError
-from identification.diagnose.candidates import Candidate, candidates, without_effect
+from identification.diagnose.candidates import Candidate, candidates, is_strength, without_effect
 from identification.diagnose.decide import ALPHA, CLOSE, Decision, coloured, decide, judged
 from identification.diagnose.fitted import Fitted
+from identification.diagnose.law import Law, advantage, learn
 from identification.diagnose.locate import Located, locate, share
-from identification.diagnose.score import Scored, score
+from identification.diagnose.score import Scored, could_gain, score
 from identification.diagnose.search import Searcher
 from identification.fit import Progress
 
@@ -22,6 +23,12 @@ from identification.fit import Progress
 REPLICATES, _MOST_STEPS = 400, 6
 #: Share of the excess χ² that an effect must explain to be named where more than noise is left in the end.
 _SHARE = 0.5
+#: One effect that leaves so little has left nothing for a law to do better.
+_SETTLED = 0.1
+#: Several effects that leave less than this share of the excess χ², and yet more than noise, only bend towards it.
+_BENT = 0.1
+#: Share of an effect's gain in χ² that another must come near to first order to be tried in its place.
+_RIVAL = 0.3
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,7 +61,8 @@ class Step:
 @dataclass(frozen=True, eq=False)
 class Repaired:
     """All models examined, the base first; the steps kept; names withdrawn or taken out again; alternatives: sets of
-    effects of which each would do as well as the last steps, () where there is no doubt."""
+    effects of which each would do as well as the last steps, () where there is no doubt; law: what was learned of the
+    remainder, None where there is none or it predicts nothing."""
 
     examined: tuple[Examined, ...]
     decisions: tuple[Decision, ...]
@@ -62,6 +70,7 @@ class Repaired:
     removed: tuple[str, ...]
     alternatives: tuple[tuple[str, ...], ...]
     last: Examined
+    law: Law | None
 
 
 def examine(fitted: Fitted, searcher: Searcher, seed: int, estimated: tuple[bool, ...]) -> Examined:
@@ -109,19 +118,59 @@ def repair(
         examined.append(examine_settled(steps[-1].after, searcher, seed, estimated))
         steps[-1] = dataclasses.replace(steps[-1], after=examined[-1].fitted)
     withdrawn = _withdraw(examined, steps)
+    law = _outdoing(examined, steps, searcher, tell)
+    if law is not None:
+        withdrawn += _back_to(law.before, examined, steps)
     last, kept, removed = _without_the_needless(examined[-1], steps, searcher, seed, estimated)
     alternatives = _exchanges(last, kept, decisions, searcher, tell)
-    return Repaired(tuple(examined), tuple(decisions), tuple(kept), (*withdrawn, *removed), alternatives, last)
+    if last.significant and (law is None or law.before is not last.fitted):
+        law = learn(last.fitted, searcher, tell)
+    return Repaired(tuple(examined), tuple(decisions), tuple(kept), (*withdrawn, *removed), alternatives, last, law)
 
 
 def _withdraw(examined: list[Examined], steps: list[Step]) -> list[str]:
     """Takes back names that leave most of what they were to explain: where more than noise remains, something unknown
-    is at work, and an effect that only bends towards it is not what is missing. Returns the names."""
+    is at work, and an effect that only bends towards it is not what is missing; nor are several that together come
+    close to the data and not to the noise: one unknown cause is more probable than they and yet another. Returns the
+    names."""
     withdrawn = []
     while steps and examined[-1].significant:
-        before, after = (now.fitted.chi2 - now.fitted.count for now in examined[-2:])
-        if after < (1.0 - _SHARE) * before:
+        first, before, after = (_excess(now) for now in (examined[0], *examined[-2:]))
+        bent = after < _BENT * first and sum(_bends(step.effect) for step in steps) > 1
+        if after < (1.0 - _SHARE) * before and not bent:
             break
+        withdrawn += _back_to(examined[0 if bent else -2].fitted, examined, steps)
+    return withdrawn
+
+
+def _excess(examined: Examined) -> float:
+    return examined.fitted.chi2 - examined.fitted.count
+
+
+def _bends(name: str) -> bool:
+    """Whether an effect has a strength by which it could stand in for another cause."""
+    return any(is_strength(p) for p in effect(name).parameters)
+
+
+def _outdoing(
+    examined: Sequence[Examined], steps: Sequence[Step], searcher: Searcher, tell: Progress
+) -> Law | None:  # fmt: skip
+    """The law of a model with fewer names that does better than all names do: an effect is named only if it is still
+    needed once a law is allowed. Of laws about as good the one that takes the place of most; None where names stand."""
+    last = examined[-1]
+    if not steps or (len(examined) == 2 and last.p > _SETTLED):
+        return None
+    laws = [law for law in (learn(model.fitted, searcher, tell) for model in examined[:-1]) if law is not None]
+    over = [advantage(law, last.fitted) for law in laws]
+    if not over or max(over) < CLOSE:
+        return None
+    return next(law for law, own in zip(laws, over, strict=True) if own > max(over) - CLOSE)
+
+
+def _back_to(fitted: Fitted, examined: list[Examined], steps: list[Step]) -> list[str]:
+    """Takes back the steps beyond a model, with what was examined after it; returns the names."""
+    withdrawn = []
+    while examined[-1].fitted is not fitted:
         decision = steps[-1].decision
         while steps and steps[-1].decision is decision:
             withdrawn.append(steps.pop().effect)
@@ -188,6 +237,8 @@ def _exchanges(
         for i, candidate in enumerate(others):
             tell("exchange", i / len(others), f"{candidate.name} for {step.effect}")
             if base.cradle.has(candidate.name):
+                continue
+            if could_gain(base, searcher, candidate) < _RIVAL * (base.chi2 - last.fitted.chi2):
                 continue
             try:
                 searcher.adding(base, candidate)

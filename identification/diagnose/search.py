@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -24,8 +25,9 @@ from identification.rough import polish
 _FACTORS = (0.1, 1.0, 3.0)
 #: How many starts are followed, by how many evaluations; how many of them to the end, by how many at most.
 _FOLLOWED, _FIRST, _KEPT, _LAST = 3, 5, 2, 40
-#: Global searches for a model that seems to fail; relative steps of κ about the best, and how often they are taken.
-_ATTEMPTS, _CLIMBS = 2, 5
+#: Global searches for a model that seems to fail; relative steps of κ about the best, how many of them are followed,
+#: and how often.
+_ATTEMPTS, _TRIED, _CLIMBS = 2, 4, 5
 _RUNGS = (0.0003, 0.0007, 0.0015, 0.003, 0.006)
 
 
@@ -91,10 +93,12 @@ class Searcher:
         key = _key("on everything", fitted.experiment, fitted.point.tolist())
         return Fitted(likelihood, self.store.point(key, lambda: finished(likelihood, fitted.point)))
 
-    def adding(self, fitted: Fitted, candidate: Candidate, likely: Sequence[Values] = ()) -> Fitted:
+    def adding(
+        self, fitted: Fitted, candidate: Candidate, likely: Sequence[Values] = (), enough: float = math.inf
+    ) -> Fitted:
         """The best fit of the model with a candidate added: from the mode without it and from what was stated, at
         several strengths on both sides and where it is `likely`; and, where it brings no parameter or brings other
-        effects along, from anywhere."""
+        effects along, from anywhere. A fit that is far from a χ² of `enough` is left unfinished."""
         own, likelihood = candidate.declaration, self._with(fitted, candidate)
         known = self._best.get(_key("best", likelihood.experiment))
         if known is not None and known.chi2 <= fitted.chi2:
@@ -107,7 +111,7 @@ class Searcher:
             several = [flat(own.name, values) for values in starts(own, fitted.cradle.bobs, _FACTORS)]
             tried = [placed(likelihood, {**origin, **values}) for values in several for origin in origins]
             tried += [placed(likelihood, {**origins[0], **flat(own.name, values)}) for values in likely]
-            return best_of(likelihood, tried, early_too=True)
+            return best_of(likelihood, tried, early_too=True, enough=enough)
 
         key = _key("adding", likelihood.experiment, fitted.point.tolist(), self.seed)
         return self._better(Fitted(likelihood, self.store.point(key, find)))
@@ -123,7 +127,9 @@ class Searcher:
         several = [*starts(own, fitted.cradle.bobs, _FACTORS), *likely]
         tried = [placed(likelihood, {**other.values, **flat(own.name, values)}) for values in several]
         key = _key("beside", likelihood.experiment, fitted.point.tolist(), other.point.tolist())
-        return self._better(Fitted(likelihood, self.store.point(key, lambda: best_of(likelihood, tried, False))))
+        return self._better(
+            Fitted(likelihood, self.store.point(key, lambda: best_of(likelihood, tried, early_too=False)))
+        )
 
     def beside(self, fitted: Fitted, other: Fitted) -> Fitted:
         """The best fit of a model, once more: from where another model has its mode."""
@@ -149,9 +155,11 @@ class Searcher:
         return self._best[key]
 
 
-def best_of(likelihood: Likelihood, tried: list[np.ndarray], early_too: bool) -> np.ndarray:
+def best_of(
+    likelihood: Likelihood, tried: list[np.ndarray], early_too: bool, enough: float = math.inf
+) -> np.ndarray:  # fmt: skip
     """Where the best of many starts leads: those nearest to the data (and those nearest to the early data alone, over
-    which the misfit has fewer modes) go a little way, the best of them to the end."""
+    which the misfit has fewer modes) go a little way, the best of them to the end, if one came below `enough`."""
     data = [likelihood]
     if early_too:
         rows = early_rows(likelihood)
@@ -165,6 +173,9 @@ def best_of(likelihood: Likelihood, tried: list[np.ndarray], early_too: bool) ->
                 reached.append(refine(likelihood, point, _FIRST))
     if not reached:
         raise SimulationError("none of the starting values can be simulated")
+    nearest = min(reached, key=lambda pair: pair[1])
+    if nearest[1] > enough:
+        return nearest[0]
     distinct: list[tuple[np.ndarray, float]] = []
     for point, least in sorted(reached, key=lambda pair: pair[1]):
         if all(abs(least - other) > 1e-2 for _, other in distinct):
@@ -183,11 +194,15 @@ def climb(likelihood: Likelihood, point: np.ndarray) -> np.ndarray:
     k = likelihood.names.index("kappa")
     so_far = cost(likelihood, point)
     for _ in range(_CLIMBS):
-        reached = []
+        rungs = []
         for step in (*_RUNGS, *(-rung for rung in _RUNGS)):
             rung = point.copy()
             rung[k] += step if likelihood.unknowns[k].log else step * point[k]
-            reached.append(refine(likelihood, np.clip(rung, *bounds(likelihood)), _FIRST))
+            rungs.append(np.clip(rung, *bounds(likelihood)))
+        costs = np.array(in_threads(lambda z: cost(likelihood, z), rungs, likelihood.workers))
+        reached = [refine(likelihood, rungs[i], _FIRST) for i in np.argsort(costs)[:_TRIED] if np.isfinite(costs[i])]
+        if not reached:
+            break
         best, least = min(reached, key=lambda pair: pair[1])
         best, least = refine(likelihood, best, _LAST)
         if least > so_far - 1.0:

@@ -12,7 +12,6 @@ from identification.diagnose.candidates import candidates, without_effect
 from identification.diagnose.checks import check_readings
 from identification.diagnose.diagnosis import Diagnosis
 from identification.diagnose.fitted import Fitted, with_known_noise
-from identification.diagnose.law import learn
 from identification.diagnose.repair import Repaired, repair
 from identification.diagnose.search import Searcher, Store
 from identification.diagnose.slips import check_slips
@@ -47,10 +46,9 @@ def diagnose(
     check_agreement(whole, seed, tell)
     check_slips(whole)
     repaired = repair(base, searcher, seed, estimated, tell)
-    law = learn(repaired.last.fitted, searcher, tell) if repaired.last.significant else None
     tell("advise", 0.0, "the next experiment")
-    final = searcher.on_everything(repaired.last.fitted if law is None else law.fitted)
-    return Diagnosis(experiment, repaired, law, final, _advice(repaired, searcher, seed, tell), seed, warnings)
+    final = searcher.on_everything(repaired.last.fitted if repaired.law is None else repaired.law.fitted)
+    return Diagnosis(experiment, repaired, final, _advice(repaired, searcher, seed, tell), seed, warnings)
 
 
 def _advice(repaired: Repaired, searcher: Searcher, seed: int, tell: Progress) -> Advice | None:
