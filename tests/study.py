@@ -201,21 +201,25 @@ class Oracle:
         ]  # fmt: skip
 
     def delta(self, strengths: list[float]) -> float:
-        """Δχ² at these strengths: of the wrong models that are nearest to first order, the nearest when refitted."""
+        """Δχ² at these strengths: of the wrong models that are nearest to first order, the nearest when refitted; of
+        what is in no catalogue, the nearest with a second wrong effect added to it."""
+        from identification.diagnose.score import score
+
         recording, fitted = self.apparatus.record(strengths, False), self.fitted
         moved = (self.clean.readings - recording.readings)[fitted.likelihood.rows[0]] / self.apparatus.noise
         d = fitted.project(np.concatenate([moved.ravel(), np.zeros(len(fitted.residuals) - moved.size)]))
         left = [float(d @ d - np.sum((Q.T @ d) ** 2)) for *_, Q in self.wrong]
         searcher, base = self._true(recording)
-        found = [searcher.nearby(base.experiment, base.values).chi2]
+        nearest = searcher.nearby(base.experiment, base.values)
         for i in np.argsort(left)[:_REFITTED]:
             candidate, sensed, _ = self.wrong[i]
             likely = [sensed.values(np.linalg.lstsq(fitted.project(sensed.S), -d)[0])]
-            try:
-                found.append(searcher.adding_beside(base, candidate, base, likely).chi2)
-            except ValueError:
-                continue
-        return min(found)
+            nearest = _nearer(nearest, searcher, base, candidate, base, likely)
+        if self.apparatus.case.kinds[0] in UNKNOWNS and nearest.chi2 > self.apparatus.case.target:
+            first, replicates = nearest, np.zeros((len(nearest.residuals), 1))
+            for s in score(first, searcher, replicates).scores[:_REFITTED]:
+                nearest = _nearer(nearest, searcher, first, s.candidate, first, s.likely)
+        return nearest.chi2
 
     def _true(self, recording: Recording):
         """A search over a recording, and the base model at the true values."""
@@ -228,6 +232,14 @@ class Oracle:
         likelihood = searcher.likelihood(experiment)
         truth = {**self.apparatus.truth, "release_angle_error@1": self.apparatus.angle - self.apparatus.lifted}
         return searcher, Fitted(likelihood, placed(likelihood, truth))
+
+
+def _nearer(nearest, searcher, base, candidate, beside, likely):
+    """The nearer to the data of a fit and of a model with a candidate added."""
+    try:
+        return min(nearest, searcher.adding_beside(base, candidate, beside, likely), key=lambda fit: fit.chi2)
+    except ValueError:
+        return nearest
 
 
 def candidates_of(fitted) -> tuple:

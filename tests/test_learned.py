@@ -43,6 +43,7 @@ def test_absent_is_the_base_bit_for_bit(declared) -> None:
 COEFFICIENTS = {
     "push": 4e-3, "even": -3e-3, "surge": 2e-3, "cubic": 5e-3, "quintic": -4e-3, "well": 6e-3, "dry": 1e-3,
     "slow": 2e-3, "stick": 2e-3, "square": 3e-3, "cube": 4e-3, "wide": 5e-3, "loaded": 1e-3, "radial": 2e-2,
+    "hump_1": 3e-3, "hump_2": -2e-3, "hump_3": 1e-3, "hump_4": 2e-3, "hump_5": -1e-3, "hump_6": 2e-3, "hump_7": -3e-3,
 }  # fmt: skip
 
 
@@ -53,6 +54,7 @@ def formula(_t: float, _r: float, theta: float, v_r: float, v_t: float) -> tuple
     along -= c["well"] * x * math.exp(-((5 * x) ** 2)) + (c["dry"] + c["loaded"] * x**2) * math.tanh(100 * u)
     along -= c["stick"] * math.sqrt(2 * math.e) * u / 0.07 * math.exp(-((u / 0.07) ** 2))
     along -= c["slow"] * u / (abs(u) + 0.1) + c["square"] * abs(u) * u + c["cube"] * u**3 + c["wide"] * x**2 * u
+    along += sum(c[f"hump_{i + 4}"] * math.exp(-((4 * x - i) ** 2)) for i in range(-3, 4))
     return -c["radial"] * v_r / 0.5, along
 
 

@@ -10,7 +10,9 @@ from cradle_env.effects.declaration import Effect, Parameter, Values
 #: of the hump of friction that sticks. √(2e) makes that hump 1 high.
 DRY, SLOW, STICK, HUMP = 0.01, 0.1, 0.07, math.sqrt(2.0 * math.e)
 
-#: Each term's shape, x = θ/angle, u = v/speed, and its meaning; all but the last act along the swing.
+#: Where humps of force stand, in units of the scale of angles, and their width.
+CENTRES, WIDTH = (-0.75, -0.5, -0.25, 0.0, 0.25, 0.5, 0.75), 0.25
+#: Each term's shape, x = θ/angle, u = v/speed, and its meaning; all but `radial` act along the swing.
 TERMS = {
     "push": ("1", "a constant push"),
     "even": ("x²", "a push by the square of the angle"),
@@ -26,6 +28,10 @@ TERMS = {
     "wide": ("−x² u", "drag that grows by the square of the angle"),
     "loaded": ("−x² tanh(100 u)", "dry friction that grows by the square of the angle"),
     "radial": ("−u_r", "drag along the string"),
+    **{
+        f"hump_{i}": (f"exp(−((x − {c:g})/{WIDTH:g})²)", f"a push around {100 * c:g} % of the swing")
+        for i, c in enumerate(CENTRES, 1)
+    },
 }
 
 
@@ -42,6 +48,9 @@ def force(t, r, theta, v_r, v_theta, parameters):
         total -= p[10] * HUMP * (u / STICK) * math.exp(-((u / STICK) ** 2))
     if p[8] != 0.0 or p[14] != 0.0:
         total -= (p[8] + p[14] * x2) * math.tanh(u / DRY)
+    for i in range(len(CENTRES)):
+        if p[16 + i] != 0.0:
+            total += p[16 + i] * math.exp(-(((x - CENTRES[i]) / WIDTH) ** 2))
     return -p[15] * v_r / p[1], total
 
 

@@ -2,8 +2,8 @@
 
 Terms are chosen in windows of time with start states of their own, where a force shows where it acts: the best subset
 of each size, and of them the one with the most evidence. The law is then fitted to the training part as one free run,
-and kept if it predicts: fitted to the first two thirds of the training part, it must do better on the rest of it than
-the model alone. What is held out is never looked at.
+where what it leaves shows further terms, and kept if it predicts: fitted to the first two thirds of the training part,
+it must do better on the rest of it than the model alone. What is held out is never looked at.
 """
 
 from __future__ import annotations
@@ -29,6 +29,8 @@ from identification.fit import Progress, refine, training_rows
 
 #: Terms at most, evaluations of a refit, and the part of the training time that an inner prediction is fitted to.
 _MOST, _EVALUATIONS, _INNER = 10, 20, 2.0 / 3.0
+#: How often more terms are sought in what a law leaves of the free run.
+_ROUNDS = 3
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,18 +60,37 @@ def learn(fitted: Fitted, searcher: Searcher, tell: Progress) -> Law | None:
     linear = Linear.of(windowed(fitted), scales)
     tell("law", 0.4, "which terms")
     part = inner(fitted.experiment)
-    alone = _free(fitted, searcher, part, scales, (), {}).held_out_gap()
+    none = Law(fitted, fitted, (), *[_free(fitted, searcher, part, scales, (), {}).held_out_gap()] * 2)
+    law = None
     for i, subset in enumerate(choices(linear)):
         tell("law", 0.6 + 0.1 * i, f"prediction with {len(subset)} terms")
-        terms, values = tuple(map(linear.term, subset)), linear.values(subset)
-        try:
-            gap = _free(fitted, searcher, part, scales, terms, values).held_out_gap()
-            if gap < alone:
-                law = Law(fitted, _free(fitted, searcher, fitted.experiment, scales, terms, values), terms, alone, gap)
-                if law.log_evidence > 0.0:
-                    return law
-        except SimulationError:  # a law under which the cradle cannot swing
-            continue
+        law = _with(none, searcher, part, scales, linear, subset)
+        if law is not None:
+            break
+    wider, rounds = law, 0
+    while wider is not None and rounds < _ROUNDS:
+        tell("law", 0.9 + 0.03 * rounds, "what the law leaves")
+        law, linear = wider, Linear.of(wider.fitted, scales)
+        subset, rounds = chosen(linear), rounds + 1
+        wider = _with(law, searcher, part, scales, linear, subset) if subset else None
+    return wider or law
+
+
+def _with(
+    law: Law, searcher: Searcher, part: Experiment, scales: Scales, linear: Linear, subset: tuple[int, ...]
+) -> Law | None:  # fmt: skip
+    """The law with further terms, fitted; None where that predicts no better or has less evidence."""
+    fitted, terms = law.before, (*law.terms, *map(linear.term, subset))
+    values = linear.values(subset)
+    try:
+        gap = _free(fitted, searcher, part, scales, terms, values).held_out_gap()
+        if gap < law.inner_after:
+            wider = Law(
+                fitted, _free(fitted, searcher, fitted.experiment, scales, terms, values), terms, law.inner_before, gap
+            )
+            return wider if wider.log_evidence > law.log_evidence else None
+    except SimulationError:  # a law under which the cradle cannot swing
+        pass
     return None
 
 
