@@ -111,7 +111,7 @@ def text(rows: list[Row]) -> str:
         "Made by `python -m tests.study DIR` and `python -m tests.study_table DIR`: experiments of 45 s, written by\n"
         "the soft-contact reference, each with one thing hidden, two, none, or a force that is in no catalogue.\n"
         "Δχ² is what the best wrong model leaves over the right one. In brackets 95 % intervals.\n"
-        "Odd rounds are held out: nothing was chosen by looking at them.\n"
+        "Odd rounds from the third on are held out: nothing was chosen by looking at them.\n"
     )
     parts = [head]
     for name, some in (("Held out", held), ("Looked at while the procedure was made", open_)):
