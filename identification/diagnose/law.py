@@ -1,9 +1,9 @@
 """A smooth law for what no effect of the catalogue explains: few terms of a fixed library, learned from the data.
 
 Terms are chosen in windows of time with start states of their own, where a force shows where it acts: the best subset
-of each size, and of them the one with the most evidence. The law is then fitted to the training part as one free run,
-and kept if it predicts: fitted to the first two thirds of the training part, it must do better on the rest of it than
-the model alone. What is held out is never looked at.
+of each size, and of them the one with the most evidence; without forces in time, and with them. The law is then fitted
+to the training part as one free run, and kept if it predicts: fitted to the first two thirds of the training part, it
+must do better on the rest of it than the model alone. What is held out is never looked at.
 """
 
 from __future__ import annotations
@@ -23,6 +23,7 @@ from identification.diagnose.candidates import without_effect
 from identification.diagnose.cut import windowed
 from identification.diagnose.decide import colour, coloured
 from identification.diagnose.fitted import Fitted
+from identification.diagnose.in_time import with_time
 from identification.diagnose.search import Searcher, placed
 from identification.diagnose.terms import Linear, Scales, Term, extended
 from identification.experiment import Experiment
@@ -30,6 +31,8 @@ from identification.fit import Progress, refine, training_rows
 
 #: Terms at most, evaluations of a refit, and the part of the training time that an inner prediction is fitted to.
 _MOST, _EVALUATIONS, _INNER = 10, 20, 2.0 / 3.0
+#: Gaps of inner predictions that differ by less than this share are as good as equal.
+_EQUAL = 0.01
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,9 +61,32 @@ def learn(fitted: Fitted, searcher: Searcher, tell: Progress) -> Law | None:
     scales = scales_of(fitted)
     linear = Linear.of(windowed(fitted), scales)
     tell("law", 0.4, "which terms")
+    alone = _free(fitted, searcher, inner(fitted.experiment), scales, (), {}).held_out_gap()
+    laws = [_predicting(fitted, searcher, linear, scales, choices(linear), alone, tell)]
+    tell("law", 0.7, "forces in time")
+    if (timed := with_time(linear, scales, chosen(linear))) is not None:
+        several = choices(timed[0])
+        swinging = tuple(i for i in several[0] if timed[0].term(i).in_time) if several else ()
+        if swinging:
+            laws += [_predicting(fitted, searcher, *timed, some, alone, tell) for some in ([swinging], several)]
+    return _best([law for law in laws if law is not None])
+
+
+def _best(laws: list[Law]) -> Law | None:
+    """Of the laws that predict as well as any, the one with the most evidence: what holds for no longer than it was
+    fitted is no law, whatever it explains there, and of the others the simplest is the most evident."""
+    least = min((law.inner_after for law in laws), default=0.0)
+    equal = (law for law in laws if law.inner_after <= (1.0 + _EQUAL) * least)
+    return max(equal, key=lambda law: law.log_evidence, default=None)
+
+
+def _predicting(
+    fitted: Fitted, searcher: Searcher, linear: Linear, scales: Scales, several: list[tuple[int, ...]], alone: float,
+    tell: Progress,
+) -> Law | None:  # fmt: skip
+    """The law of the first of several subsets that predicts better than the model alone and has evidence."""
     part = inner(fitted.experiment)
-    alone = _free(fitted, searcher, part, scales, (), {}).held_out_gap()
-    for i, subset in enumerate(choices(linear)):
+    for i, subset in enumerate(several):
         tell("law", 0.6 + 0.1 * i, f"prediction with {len(subset)} terms")
         terms, values = tuple(map(linear.term, subset)), linear.values(subset)
         try:
@@ -107,7 +133,7 @@ def _free(
 ) -> Fitted:  # fmt: skip
     """The fit as one free run, near the values found in windows: a free run alone would bend terms to its drift."""
     likelihood = searcher.likelihood(extended(experiment, scales, terms))
-    key = _key([term.name for term in terms], fitted.point.tolist(), experiment.digest)
+    key = _key([term.name for term in terms], scales, fitted.point.tolist(), experiment.digest)
     start = placed(likelihood, {**fitted.values, **values})
     return Fitted(likelihood, searcher.store.point(key, lambda: refine(likelihood, start, _EVALUATIONS)[0]))
 
@@ -127,14 +153,16 @@ def still_needed(fitted: Fitted, name: str, searcher: Searcher, tell: Progress) 
     return 0.5 * ((rival.chi2 - fitted.chi2) / inflation - (len(fitted.point) - len(rival.point)) * math.log(effective))
 
 
-def scales_of(fitted: Fitted) -> dict[str, float]:
-    """angle [rad] and speed [m/s]: the largest of the readings fitted, and that of a swing of this size."""
+def scales_of(fitted: Fitted) -> Scales:
+    """angle [rad] and speed [m/s]: the largest of the readings fitted, and that of a swing of this size; frequency
+    [Hz]: that of a swing, until a force in time has another."""
     largest = 0.0
     for run, rows in zip(fitted.experiment.runs, fitted.likelihood.rows, strict=True):
         if rows.any():
             unit = 1.0 if run.quantity == "theta" else fitted.cradle.length
             largest = max(largest, float(np.nanmax(np.abs(run.readings[rows]))) / unit)
-    return {"angle": largest, "speed": largest * math.sqrt(fitted.cradle.gravity * fitted.cradle.length)}
+    return {"angle": largest, "speed": largest * math.sqrt(fitted.cradle.gravity * fitted.cradle.length),
+            "frequency": 1.0 / fitted.cradle.period}  # fmt: skip
 
 
 def inner(experiment: Experiment) -> Experiment:
