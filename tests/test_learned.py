@@ -14,7 +14,7 @@ from identification.diagnose.candidates import candidates
 from tests.test_effects import TIMES, angles, one_bob
 
 RELEASE = Release(angle=0.3)
-SCALES = {"angle": 0.3, "speed": 0.5}
+SCALES = {"angle": 0.3, "speed": 0.5, "frequency": 1.3}
 EACH = pytest.mark.parametrize("declared", LEARNED, ids=lambda declared: declared.name)
 
 
@@ -44,10 +44,11 @@ COEFFICIENTS = {
     "push": 4e-3, "even": -3e-3, "surge": 2e-3, "cubic": 5e-3, "quintic": -4e-3, "well": 6e-3, "dry": 1e-3,
     "slow": 2e-3, "stick": 2e-3, "square": 3e-3, "cube": 4e-3, "wide": 5e-3, "loaded": 1e-3, "radial": 2e-2,
     "hump_1": 3e-3, "hump_2": -2e-3, "hump_3": 1e-3, "hump_4": 2e-3, "hump_5": -1e-3, "hump_6": 2e-3, "hump_7": -3e-3,
+    "cosine": 3e-3, "sine": -4e-3,
 }  # fmt: skip
 
 
-def formula(_t: float, _r: float, theta: float, v_r: float, v_t: float) -> tuple[float, float]:
+def formula(t: float, _r: float, theta: float, v_r: float, v_t: float) -> tuple[float, float]:
     """The library as its declaration states it, term by term."""
     x, u, c = theta / 0.3, v_t / 0.5, COEFFICIENTS
     along = c["push"] + c["even"] * x**2 + c["surge"] * u**2 + c["cubic"] * x**3 + c["quintic"] * x**5
@@ -55,7 +56,8 @@ def formula(_t: float, _r: float, theta: float, v_r: float, v_t: float) -> tuple
     along -= c["stick"] * math.sqrt(2 * math.e) * u / 0.07 * math.exp(-((u / 0.07) ** 2))
     along -= c["slow"] * u / (abs(u) + 0.1) + c["square"] * abs(u) * u + c["cube"] * u**3 + c["wide"] * x**2 * u
     along += sum(c[f"hump_{i + 4}"] * math.exp(-((4 * x - i) ** 2)) for i in range(-3, 4))
-    return -c["radial"] * v_r / 0.5, along
+    aside = c["cosine"] * math.cos(2 * math.pi * 1.3 * t) + c["sine"] * math.sin(2 * math.pi * 1.3 * t)
+    return aside * math.sin(theta) - c["radial"] * v_r / 0.5, aside * math.cos(theta) + along
 
 
 @pytest.mark.parametrize("elastic", [False, True])

@@ -1,9 +1,12 @@
-"""Windows of a diagnosis: the energy that data hold beyond a model, against that of the soft-contact reference."""
+"""Places of a diagnosis: the energy that data hold beyond a model, window by window, and lines, single frequencies;
+against the soft-contact reference."""
 
 import numpy as np
 import pytest
+from scipy.signal import lombscargle
 
 from identification.diagnose.fitted import Fitted, with_known_noise
+from identification.diagnose.lines import frequencies, independent, power
 from identification.diagnose.locate import locate
 from identification.diagnose.search import Searcher, Store, placed
 from identification.diagnose.windows import windows
@@ -15,8 +18,8 @@ TRUTH = {"k_f": 18000.0, "kappa": 190.0, "b": 0.002}
 ANGLE, NOISE = 0.2, 1e-3
 
 
-def recorded(b, seed=1, noise=NOISE):
-    cradle = SoftCradle(2, stiffness_factor=1e6, **{**TRUTH, "b": b})
+def recorded(b, seed=1, noise=NOISE, effects=None):
+    cradle = SoftCradle(2, stiffness_factor=1e6, effects=effects or {}, **{**TRUTH, "b": b})
     return record(cradle, {2: ANGLE}, duration=30.0, noise=noise, seed=seed)
 
 
@@ -70,3 +73,31 @@ def test_a_wrong_damping_is_located_by_its_energy(damped):
     located = locate(fitted, fitted.replicates(100, np.random.default_rng(0), (False,)))
     value = {place.phase: v for place, v in zip(located.places, located.statistic, strict=True)}
     assert value["energy"] > np.quantile(located.replicas, 0.99)
+
+
+def test_a_room_that_shakes_is_located_by_its_frequency(tmp_path):
+    """0.5 mrad of a tone in noise of 1 mrad: lines hold it at its frequency, in common most of all; no other place
+    holds half as much."""
+    shaken = {"vibration": {"acceleration": 4e-3, "frequency": 1.3, "phase": 1.0}}
+    path = write_experiment(tmp_path, [recorded(TRUTH["b"], effects=shaken)], stated=TRUTH, run={"fit_to": 30.0})
+    fitted = Searcher(Store(None, ""), 0, 1).nearby(with_known_noise(Experiment.load(path)), TRUTH)
+    located = locate(fitted, fitted.replicates(100, np.random.default_rng(0), (False,)))
+    assert located.where[0]["bob"] is None and located.where[0]["phase"] == "line at 1.3 Hz"
+    others = [v for place, v in zip(located.places, located.statistic, strict=True) if place.phase != "line"]
+    assert located.largest > 2.0 * max(others) and located.largest > 2.0 * located.replicas.max()
+
+
+def test_the_power_of_a_line_is_that_of_lomb_and_scargle():
+    """Of readings at any times; SciPy's is half of the χ². Of white noise it is χ² with two degrees of freedom, and the
+    best of all frequencies is what so many independent ones give, or up to some twice as many: the grid is finer."""
+    rng = np.random.default_rng(2)
+    times = np.sort(rng.uniform(0.0, 20.0, 500))
+    found, noise = frequencies(20.0, 1.1), rng.standard_normal((500, 400))
+    saved = power(times, noise, found)
+    expected = 2.0 * lombscargle(times - times[0], noise[:, 0], 2.0 * np.pi * found)
+    np.testing.assert_allclose(saved[:, 0], expected, rtol=1e-9)
+    assert saved.mean() == pytest.approx(2.0, rel=0.02)
+    by_chance = np.exp(-0.5 * np.median(saved.max(axis=0))) * independent(found) / np.log(2.0)
+    assert 0.3 < by_chance < 1.0
+    twice = power(np.repeat(times, 2), np.repeat(noise, 2, axis=0), found)
+    np.testing.assert_allclose(twice, 2.0 * saved, rtol=1e-9)

@@ -12,7 +12,10 @@ DRY, SLOW, STICK, HUMP = 0.01, 0.1, 0.07, math.sqrt(2.0 * math.e)
 
 #: Where humps of force stand, in units of the scale of angles, and their width.
 CENTRES, WIDTH = (-0.75, -0.5, -0.25, 0.0, 0.25, 0.5, 0.75), 0.25
-#: Each term's shape, x = θ/angle, u = v/speed, and its meaning; all but `radial` act along the swing.
+#: Parameters that are no coefficients; all stand in the order of these, then `TERMS`.
+SCALES = ("angle", "speed", "frequency")
+#: Each term's shape, x = θ/angle, u = v/speed, ω = 2π frequency, t from the start of the run, and its meaning. All act
+#: along the swing but drag along the string and the last two, which are horizontal, as in a room that shakes.
 TERMS = {
     "push": ("1", "a constant push"),
     "even": ("x²", "a push by the square of the angle"),
@@ -32,26 +35,37 @@ TERMS = {
         f"hump_{i}": (f"exp(−((x − {c:g})/{WIDTH:g})²)", f"a push around {100 * c:g} % of the swing")
         for i, c in enumerate(CENTRES, 1)
     },
+    "cosine": ("cos ωt", "a horizontal force that swings by itself, as it is at the start"),
+    "sine": ("sin ωt", "a horizontal force that swings by itself, a quarter of its period later"),
 }
+#: Of these, those that depend on time alone.
+IN_TIME = ("cosine", "sine")
 
 
 def force(t, r, theta, v_r, v_theta, parameters):
-    """(F_r, F_theta) [N]; parameters: angle [rad], speed [m/s], then the coefficient [N] of each of `TERMS`."""
+    """(F_r, F_theta) [N]; parameters: angle [rad], speed [m/s], frequency [Hz], then the coefficient [N] of each of
+    `TERMS`."""
     p = parameters
     x, u = theta / p[0], v_theta / p[1]
     x2, size = x * x, abs(u)
-    total = p[2] + p[3] * x2 + p[4] * u * u + (p[5] + p[6] * x2) * x * x2
-    total -= u * (p[9] / (size + SLOW) + p[11] * size + p[12] * u * u + p[13] * x2)
-    if p[7] != 0.0:
-        total -= p[7] * x * math.exp(-25.0 * x2)
-    if p[10] != 0.0:
-        total -= p[10] * HUMP * (u / STICK) * math.exp(-((u / STICK) ** 2))
-    if p[8] != 0.0 or p[14] != 0.0:
-        total -= (p[8] + p[14] * x2) * math.tanh(u / DRY)
+    along = -p[16] * v_r / p[1]
+    total = p[3] + p[4] * x2 + p[5] * u * u + (p[6] + p[7] * x2) * x * x2
+    total -= u * (p[10] / (size + SLOW) + p[12] * size + p[13] * u * u + p[14] * x2)
+    if p[8] != 0.0:
+        total -= p[8] * x * math.exp(-25.0 * x2)
+    if p[11] != 0.0:
+        total -= p[11] * HUMP * (u / STICK) * math.exp(-((u / STICK) ** 2))
+    if p[9] != 0.0 or p[15] != 0.0:
+        total -= (p[9] + p[15] * x2) * math.tanh(u / DRY)
     for i in range(len(CENTRES)):
-        if p[16 + i] != 0.0:
-            total += p[16 + i] * math.exp(-(((x - CENTRES[i]) / WIDTH) ** 2))
-    return -p[15] * v_r / p[1], total
+        if p[17 + i] != 0.0:
+            total += p[17 + i] * math.exp(-(((x - CENTRES[i]) / WIDTH) ** 2))
+    if p[24] != 0.0 or p[25] != 0.0:
+        phase = 2.0 * math.pi * p[2] * t
+        horizontal = p[24] * math.cos(phase) + p[25] * math.sin(phase)
+        along += horizontal * math.sin(theta)
+        total += horizontal * math.cos(theta)
+    return along, total
 
 
 def has_dry_friction(values: Values) -> bool:
@@ -61,16 +75,17 @@ def has_dry_friction(values: Values) -> bool:
 
 learned_force = Effect(
     name="learned_force",
-    symbol="F(θ, v)",
+    symbol="F(θ, v, t)",
     acts_on="bob",
-    summary="a smooth force on each bob, by its angle and velocity; learned from data, it explains nothing",
-    equation="F = Σ c_k φ_k(θ/angle, v/speed)",
+    summary="a smooth force on each bob, by its angle, velocity and time; learned from data, it explains nothing",
+    equation="F = Σ c_k φ_k(θ/angle, v/speed, ωt)",
     reference="a sparse library: Brunton, Proctor & Kutz, Proc. Natl. Acad. Sci. 113, 3932 (2016)",
     energy="takes −F v, booked with the drag",
     looks_like="whatever no effect of the catalogue explains",
     parameters=(
         Parameter("angle", "θ_s", "rad", "scale of angles", absent=math.nan, low=1e-6, high=10.0, scale=0.2),
         Parameter("speed", "v_s", "m/s", "scale of speeds", absent=math.nan, low=1e-6, high=100.0, scale=0.3),
+        Parameter("frequency", "f", "Hz", "that of a force in time", absent=math.nan, low=1e-4, high=100.0, scale=1.0),
         *(
             Parameter(key, f"c_{key}", "N", f"{meaning}: {shape}", 0.0, -100.0, 100.0, 1e-3, each="bob")
             for key, (shape, meaning) in TERMS.items()

@@ -1,9 +1,10 @@
 """A smooth law for what no effect of the catalogue explains: few terms of a fixed library, learned from the data.
 
 Terms are chosen in windows of time with start states of their own, where a force shows where it acts: the best subset
-of each size, and of them the one with the most evidence. The law is then fitted to the training part as one free run,
-where what it leaves shows further terms, and kept if it predicts: fitted to the first two thirds of the training part,
-it must do better on the rest of it than the model alone. What is held out is never looked at.
+of each size, and of them the one with the most evidence; without forces in time, and with them. The law is then fitted
+to the training part as one free run, where what it leaves shows further terms, and kept if it predicts: fitted to the
+first two thirds of the training part, it must do better on the rest of it than the model alone. What is held out is
+never looked at.
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ from cradle_env.simulation import SimulationError
 from identification.diagnose.cut import windowed
 from identification.diagnose.decide import colour, coloured
 from identification.diagnose.fitted import Fitted
+from identification.diagnose.in_time import with_time
 from identification.diagnose.search import Searcher, placed
 from identification.diagnose.terms import Linear, Scales, Term, extended, library
 from identification.experiment import Experiment
@@ -31,6 +33,8 @@ from identification.fit import Progress, refine, training_rows
 _MOST, _EVALUATIONS, _INNER = 10, 20, 2.0 / 3.0
 #: How often more terms are sought in what a law leaves of the free run.
 _ROUNDS = 3
+#: Gaps of inner predictions that differ by less than this share are as good as equal.
+_EQUAL = 0.01
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,19 +65,38 @@ def learn(fitted: Fitted, searcher: Searcher, tell: Progress) -> Law | None:
     tell("law", 0.4, "which terms")
     part = inner(fitted.experiment)
     none = Law(fitted, fitted, (), *[_free(fitted, searcher, part, scales, (), {}).held_out_gap()] * 2)
-    law = None
-    for i, subset in enumerate(choices(linear)):
-        tell("law", 0.6 + 0.1 * i, f"prediction with {len(subset)} terms")
-        law = _with(none, searcher, part, scales, linear, subset)
-        if law is not None:
-            break
-    wider, rounds = law, 0
+    laws = [(_first(none, searcher, part, scales, linear, choices(linear)), scales)]
+    tell("law", 0.6, "forces in time")
+    if (timed := with_time(linear, scales, chosen(linear))) is not None:
+        linear, at = timed
+        several = choices(linear)
+        swinging = tuple(i for i in several[0] if linear.term(i).in_time) if several else ()
+        if swinging:
+            laws += [(_first(none, searcher, part, at, linear, some), at) for some in ([swinging], several)]
+    wider, scales = _best([(law, at) for law, at in laws if law is not None]) or (None, scales)
+    law, rounds = wider, 0
     while wider is not None and rounds < _ROUNDS:
-        tell("law", 0.9 + 0.03 * rounds, "what the law leaves")
+        tell("law", 0.8 + 0.05 * rounds, "what the law leaves")
         law, linear = wider, Linear.of(wider.fitted, scales)
         subset, rounds = chosen(linear), rounds + 1
         wider = _with(law, searcher, part, scales, linear, subset) if subset else None
     return wider or law
+
+
+def _best(laws: list[tuple[Law, Scales]]) -> tuple[Law, Scales] | None:
+    """Of the laws that predict as well as any, the one with the most evidence: what holds for no longer than it was
+    fitted is no law, whatever it explains there, and of the others the simplest is the most evident."""
+    least = min((law.inner_after for law, _ in laws), default=0.0)
+    equal = (pair for pair in laws if pair[0].inner_after <= (1.0 + _EQUAL) * least)
+    return max(equal, key=lambda pair: pair[0].log_evidence, default=None)
+
+
+def _first(
+    none: Law, searcher: Searcher, part: Experiment, scales: Scales, linear: Linear, several: list[tuple[int, ...]]
+) -> Law | None:  # fmt: skip
+    """The law of the first of several subsets that predicts better than the model alone and has evidence."""
+    laws = (_with(none, searcher, part, scales, linear, subset) for subset in several)
+    return next((law for law in laws if law is not None), None)
 
 
 def _with(
@@ -127,7 +150,7 @@ def _free(
 ) -> Fitted:  # fmt: skip
     """The fit as one free run, near the values found in windows: a free run alone would bend terms to its drift."""
     likelihood = searcher.likelihood(extended(experiment, scales, terms))
-    key = _key([term.name for term in terms], fitted.point.tolist(), experiment.digest)
+    key = _key([term.name for term in terms], scales, fitted.point.tolist(), experiment.digest)
     start = placed(likelihood, {**fitted.values, **values})
     return Fitted(likelihood, searcher.store.point(key, lambda: refine(likelihood, start, _EVALUATIONS)[0]))
 
@@ -143,14 +166,16 @@ def advantage(law: Law, named: Fitted) -> float:
     return evidence - math.log(math.comb(len(library(rival.cradle)), len(law.terms)))
 
 
-def scales_of(fitted: Fitted) -> dict[str, float]:
-    """angle [rad] and speed [m/s]: the largest of the readings fitted, and that of a swing of this size."""
+def scales_of(fitted: Fitted) -> Scales:
+    """angle [rad] and speed [m/s]: the largest of the readings fitted, and that of a swing of this size; frequency
+    [Hz]: that of a swing, until a force in time has another."""
     largest = 0.0
     for run, rows in zip(fitted.experiment.runs, fitted.likelihood.rows, strict=True):
         if rows.any():
             unit = 1.0 if run.quantity == "theta" else fitted.cradle.length
             largest = max(largest, float(np.nanmax(np.abs(run.readings[rows]))) / unit)
-    return {"angle": largest, "speed": largest * math.sqrt(fitted.cradle.gravity * fitted.cradle.length)}
+    return {"angle": largest, "speed": largest * math.sqrt(fitted.cradle.gravity * fitted.cradle.length),
+            "frequency": 1.0 / fitted.cradle.period}  # fmt: skip
 
 
 def inner(experiment: Experiment) -> Experiment:

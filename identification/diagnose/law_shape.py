@@ -12,8 +12,8 @@ from scipy.integrate import trapezoid
 
 from cradle_env.collisions import restitution_curve
 from cradle_env.effects import effect
+from cradle_env.effects.learned_force import IN_TIME, SCALES, force, learned_force
 from cradle_env.effects.learned_force import TERMS as OF_FORCE
-from cradle_env.effects.learned_force import force, learned_force
 from cradle_env.effects.learned_impact import learned_impact
 from cradle_env.effects.learned_pair import TERMS as OF_PAIR
 from cradle_env.effects.learned_pair import learned_pair
@@ -22,15 +22,16 @@ from identification.diagnose.decide import coloured
 from identification.diagnose.fitted import Fitted
 from identification.diagnose.intervals import Interval
 from identification.diagnose.law import Law
+from identification.diagnose.terms import FREQUENCY
 from identification.likelihood import STEP_FACTOR
 
 _POINTS = 121
-#: Relative step of k_f in differences.
+#: Relative step of k_f and of a frequency in differences.
 _STEP = 1e-3
 #: Of a normal distribution, the half width of the central 95 %; and what share of the largest part is worth a word.
 _SIGMAS, _WORTH = 1.96, 0.1
-#: Gaps up to which a force between neighbours is shown [radii of a bob].
-_FURTHEST = 2.0
+#: Gaps up to which a force between neighbours is shown [radii of a bob]; periods over which one in time is.
+_FURTHEST, _PERIODS = 2.0, 2.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,7 +97,7 @@ class Shape:
         """All of them, bob by bob, pair by pair."""
         found = []
         for bob in self._alike(learned_force.name):
-            found += self._of_bob(bob)
+            found += [*self._of_bob(bob), *self._in_time(bob)]
         for pair in self._alike(learned_pair.name):
             found += self._of_pair(pair)
         if self._acts_on_impacts():
@@ -114,11 +115,9 @@ class Shape:
         return f"every {one}" if common else f"{one} {number}" if one == "bob" else f"{one} {number} and {number + 1}"
 
     def _force(self, key: str, theta: np.ndarray, v: np.ndarray) -> np.ndarray:
-        """Force along the swing [N] of one term with coefficient 1 N."""
-        name = learned_force.name
-        scales = [self._values(name, "angle"), self._values(name, "speed")]
-        unit = [1.0 if other == key else 0.0 for other in OF_FORCE]
-        parameters = [*scales, *unit]
+        """Force along the swing [N] of one term with coefficient 1 N; those in time have curves of their own."""
+        scales = [self._values(learned_force.name, key) for key in SCALES]
+        parameters = [*scales, *(float(other == key and key not in IN_TIME) for other in OF_FORCE)]
         return np.array([force(0.0, 0.0, a, 0.0, b, parameters)[1] for a, b in zip(theta, v, strict=True)])
 
     def _of_bob(self, bob: int) -> list[Curve]:
@@ -151,6 +150,25 @@ class Shape:
             Curve(f"{who}: the same both ways, by speed", "speed [m/s]", "force [mN]", v, 1e3 * lift, 1e3 * lift_width),
         ]  # fmt: skip
         return [curve for curve, own in zip(curves, (against, push, along, lift), strict=True) if _size(own) > 0.0]
+
+    def _in_time(self, bob: int) -> list[Curve]:
+        """What swings by itself, over its first periods; in the band, the uncertainty of the frequency."""
+        if not any(term.in_time and term.which in (0, bob) for term in self.law.terms):
+            return []
+        name, frequency = learned_force.name, self.fitted.values[FREQUENCY]
+        t = np.linspace(0.0, _PERIODS / frequency, _POINTS)
+        waves = dict(zip(IN_TIME, (np.cos, np.sin), strict=True))
+
+        def basis(key: str, frequency: float = frequency) -> np.ndarray:
+            return waves[key](2.0 * np.pi * frequency * t) if key in waves else np.zeros(_POINTS)
+
+        y, _ = self._curve(name, bob, basis)
+        faster, _ = self._curve(name, bob, lambda k: basis(k, frequency * (1.0 + _STEP)))
+        _, band = self._curve(name, bob, basis, (FREQUENCY, (faster - y) / _STEP))
+        place = self.places[FREQUENCY]
+        sd = frequency * math.sqrt(self.covariance[place, place])
+        title = f"{self._who(name, bob, 'bob')}: swinging at {frequency:.4g} ± {_SIGMAS * sd:.1g} Hz"
+        return [Curve(title, "time [s]", "horizontal force [mN]", t, 1e3 * y, 1e3 * band)]
 
     def _of_pair(self, pair: int) -> list[Curve]:
         name = learned_pair.name
@@ -193,7 +211,7 @@ class Shape:
         total, motion = 0.0, self.motion
         for bob in self._acts_on(name):
             i = bob - 1
-            values = [self._values(name, key) for key in ("angle", "speed", *OF_FORCE)]
+            values = [self._values(name, key) for key in (*SCALES, *OF_FORCE)]
             parameters = [value if np.isscalar(value) else value[i] for value in values]
             v = motion.r[:, i] * motion.theta_dot[:, i]
             states = zip(motion.t, motion.r[:, i], motion.theta[:, i], motion.r_dot[:, i], v, strict=True)
@@ -236,6 +254,8 @@ def _described(curve: Curve) -> str:
             f"on {who}, a force against the motion, {_growth(curve)}, up to {_size(curve.y):.2g} {unit};"
             f" at {at} {abs(peak):.2g} {unit} {sense} than the drag b of the model without it"
         )
+    if what.startswith("swinging"):
+        return f"on {who}, a horizontal force {what}, up to {_size(curve.y):.2g} {unit}: as in a room that shakes"
     if what.startswith("at rest"):
         odd, even = 0.5 * (added - added[::-1]), 0.5 * (added + added[::-1])
         if _size(odd) > 2.0 * _size(even):

@@ -16,6 +16,7 @@ from scipy.special import gammaln
 from scipy.stats import chi2
 
 from identification.diagnose.fitted import Fitted, span
+from identification.diagnose.lines import frequencies, independent, power
 from identification.diagnose.windows import Window, edges, motions, windows
 
 #: Harmonics of the swing sought in a window; degree of slow courses over a run.
@@ -31,8 +32,8 @@ _PARTS = (0.25, 0.5, 0.75)
 class Place:
     """Part of the residuals: rows (R',) among them, and what is sought there: orthonormal columns (R', k), or, with
     None, the sum of squares. bob −1: all bobs; phase: "all", "flight", "impact", a sector of the swing, "amplitude",
-    "frequency" or "energy" over the run, "unknowns" as its beginning has them, or "within" a window, the state at its
-    start inferred."""
+    "frequency", "energy" or "line" over the run, "unknowns" as its beginning has them, or "within" a window, the state
+    at its start inferred."""
 
     run: int
     bob: int
@@ -46,6 +47,29 @@ class Place:
         here = residuals[self.rows]
         parts = here if self.basis is None else self.basis.T @ here
         return surprise(np.sum(parts**2, axis=0), len(parts))
+
+    def told(self, residuals: np.ndarray) -> str:
+        """The phase, as reports have it."""
+        return self.phase
+
+
+@dataclass(frozen=True)
+class Line(Place):
+    """A place where a single frequency is sought, the same force on all bobs or on one: times (R',) [s] of its rows,
+    and frequencies (F,) [Hz], of which the best counts."""
+
+    times: np.ndarray
+    frequencies: np.ndarray
+
+    def surprise(self, residuals: np.ndarray) -> np.ndarray:
+        """−log10 p of the best frequency, for as many as can be told apart."""
+        best = np.max(power(self.times, residuals[self.rows], self.frequencies), axis=0)
+        return surprise(best, 2) - np.log10(independent(self.frequencies))
+
+    def told(self, residuals: np.ndarray) -> str:
+        """The phase, with the best frequency."""
+        best = np.argmax(power(self.times, residuals[self.rows], self.frequencies))
+        return f"line at {self.frequencies[best]:.3g} Hz"
 
 
 @dataclass(frozen=True)
@@ -117,16 +141,16 @@ def _described(fitted: Fitted, place: Place, statistic: float, p: float) -> dict
         "run": fitted.experiment.runs[place.run].file,
         "bob": None if place.bob < 0 else place.bob + 1,
         "t": [round(t, 3) for t in place.interval],
-        "phase": place.phase,
+        "phase": place.told(fitted.residuals),
         "statistic": round(statistic, 2),
         "p": round(p, 4),
     }
 
 
 def all_places(fitted: Fitted, found: list[Window]) -> list[Place]:
-    """Every place that is scanned: each run as a whole; of each bob all, its sectors of phase, its amplitude and its
-    timing; and windows of time: in flight by the harmonics of the swing, near impacts by the sum of squares, and, with
-    the state at the start of the window inferred, by the harmonics again."""
+    """Every place that is scanned: each run as a whole, and a line in it; of each bob all, its sectors of phase, its
+    amplitude, its timing and a line; and windows of time: in flight by the harmonics of the swing, near impacts by the
+    sum of squares, and, with the state at the start of the window inferred, by the harmonics again."""
     places = []
     omega = 2.0 * np.pi / fitted.cradle.period
     for motion in motions(fitted):
@@ -134,6 +158,9 @@ def all_places(fitted: Fitted, found: list[Window]) -> list[Place]:
         ends = edges(fitted, run)
         whole = (float(ends[0]), float(ends[-1]))
         places.append(Place(run, -1, whole, "all", motion.rows, None))
+        sought = frequencies(whole[1] - whole[0], fitted.cradle.period)
+        if len(sought):
+            places.append(Line(run, -1, whole, "line", motion.rows, None, motion.time, sought))
         angle = np.mod(np.arctan2(-motion.speed, motion.theta), 2.0 * np.pi)
         sector = np.minimum((angle * _SECTORS / (2.0 * np.pi)).astype(int), _SECTORS - 1)
         for bob in np.unique(motion.bob):
@@ -147,6 +174,9 @@ def all_places(fitted: Fitted, found: list[Window]) -> list[Place]:
                         add(whole, f"{360 * s // _SECTORS}–{360 * (s + 1) // _SECTORS}°", motion.rows[inside],
                             np.full((int(inside.sum()), 1), inside.sum() ** -0.5))
                     )  # fmt: skip
+            if len(sought) and fitted.cradle.bobs > 1:
+                rows, time = motion.rows[mine], motion.time[mine]
+                places.append(Line(run, int(bob), whole, "line", rows, None, time, sought))
             # Residuals along θ are an amplitude that is off, along θ̇ a frequency.
             course = _course(motion.time[mine], whole)
             for phase, shape in (("amplitude", motion.theta[mine]), ("frequency", motion.speed[mine])):

@@ -16,6 +16,7 @@ import numpy as np
 
 from cradle_env.cradle import Cradle
 from cradle_env.effects import LEARNED, effect
+from cradle_env.effects.learned_force import IN_TIME, learned_force
 from cradle_env.simulation import SimulationError, in_threads
 from identification.diagnose.candidates import filled, is_strength, with_effects
 from identification.diagnose.fitted import Fitted, span
@@ -26,7 +27,9 @@ from identification.likelihood import Likelihood
 #: Least share of a term that must be left beside all that the unknowns absorb, and the least that may remain of b.
 _SEEN, _LEAST_B = 1e-3, -0.9
 #: First step of a coefficient [its unit], how far readings should move by it [noise], and how often it is sought.
-_STEP, _MOVED, _TRIES = 1e-6, 0.3, 6
+_STEP, MOVED, _TRIES = 1e-6, 0.3, 6
+#: The unknown that terms in time share.
+FREQUENCY = f"{learned_force.name}.frequency"
 
 Scales = Mapping[str, float]
 
@@ -44,6 +47,11 @@ class Term:
     def name(self) -> str:
         """That of its unknown."""
         return f"{self.effect}.{self.key}" + ("" if self.single else f"[{self.which or '*'}]")
+
+    @property
+    def in_time(self) -> bool:
+        """Whether it is a force that swings by itself: its frequency is an unknown of the law, too."""
+        return self.effect == learned_force.name and self.key in IN_TIME
 
     def excludes(self, other: Term) -> bool:
         """Whether both would set the same coefficient."""
@@ -64,8 +72,8 @@ def library(cradle: Cradle) -> tuple[Term, ...]:
 
 
 def extended(experiment: Experiment, scales: Scales, terms: Sequence[Term]) -> Experiment:
-    """The experiment with these terms in its model, at zero and to be inferred; scales: by key, of what is no
-    coefficient."""
+    """The experiment with these terms in its model, at zero and to be inferred, and with them the frequency of those in
+    time; scales: by key, of what is no coefficient."""
     names = dict.fromkeys(term.effect for term in terms)
     values: dict[str, dict[str, Any]] = {}
     for name in names:
@@ -73,37 +81,46 @@ def extended(experiment: Experiment, scales: Scales, terms: Sequence[Term]) -> E
         values[name] = {
             p.key: filled(p, p.absent, experiment.cradle.bobs) if is_strength(p) else scales[p.key] for p in parameters
         }
-    return with_effects(experiment, values, tuple(term.name for term in terms)) if terms else experiment
+    unknown = [term.name for term in terms]
+    unknown += [FREQUENCY] if any(term.in_time for term in terms) else []
+    return with_effects(experiment, values, tuple(unknown)) if terms else experiment
 
 
 @dataclass(frozen=True, eq=False)
 class Linear:
-    """A fit and what each term would do to its residuals: columns (R + P, K), and what is left of them beside the
-    unknowns, b apart: G (1 + K', 1 + K'), h (1 + K',), of the terms `seen` (K',)."""
+    """A fit and what each term would do to its residuals: columns (R + P, K); basis (R + P, rank) of what the unknowns
+    absorb, b apart; and what is left beside them: G (1 + K', 1 + K'), h (1 + K',), of the terms `seen` (K',)."""
 
     fitted: Fitted
     terms: tuple[Term, ...]
     columns: np.ndarray
+    basis: np.ndarray
     seen: np.ndarray
     G: np.ndarray
     h: np.ndarray
 
     @classmethod
     def of(cls, fitted: Fitted, scales: Scales) -> Linear:
-        """Of a fit and the whole library."""
-        terms = library(fitted.cradle)
-        columns = np.column_stack(
-            in_threads(lambda term: _column(fitted, scales, term), terms, fitted.likelihood.workers)
-        )
+        """Of a fit and the whole library but the terms in time."""
+        terms = tuple(term for term in library(fitted.cradle) if not term.in_time)
+        columns = in_threads(lambda term: column(fitted, scales, term), terms, fitted.likelihood.workers)
         b = fitted.likelihood.names.index("b")
         basis = span(np.delete(fitted.jacobian, b, axis=1))
-        columns = np.column_stack([fitted.jacobian[:, b], columns])
-        lengths = np.linalg.norm(columns, axis=0)
-        left = columns / np.where(lengths > 0.0, lengths, 1.0)
+        return cls._with(fitted, terms, np.column_stack(columns), basis)
+
+    def beside(self, terms: Sequence[Term], columns: np.ndarray) -> Linear:
+        """With more terms, and their columns (R + P, K)."""
+        return self._with(self.fitted, (*self.terms, *terms), np.column_stack([self.columns, columns]), self.basis)
+
+    @classmethod
+    def _with(cls, fitted: Fitted, terms: tuple[Term, ...], columns: np.ndarray, basis: np.ndarray) -> Linear:
+        own = np.column_stack([fitted.jacobian[:, fitted.likelihood.names.index("b")], columns])
+        lengths = np.linalg.norm(own, axis=0)
+        left = own / np.where(lengths > 0.0, lengths, 1.0)
         left -= basis @ (basis.T @ left)
         seen = np.flatnonzero(np.linalg.norm(left[:, 1:], axis=0) > _SEEN)
         left = left[:, [0, *(1 + seen)]] * lengths[[0, *(1 + seen)]]
-        return cls(fitted, terms, columns[:, 1:], seen, left.T @ left, -left.T @ fitted.residuals)
+        return cls(fitted, terms, columns, basis, seen, left.T @ left, -left.T @ fitted.residuals)
 
     def term(self, place: int) -> Term:
         """The term at a place of G, from 1 on."""
@@ -169,8 +186,9 @@ class Linear:
         return left + others @ rest, np.concatenate([np.insert(rest, b, c[0]), c[1:]])
 
     def log_evidence(self, subset: tuple[int, ...], inflation: float, effective: float) -> float:
-        """Over the model alone: ½ (Δχ²/c − k ln n_eff), see `decide`."""
-        return 0.5 * ((self.saved(subset) - self.saved(())) / inflation - len(subset) * math.log(effective))
+        """Over the model alone: ½ (Δχ²/c − k ln n_eff), see `decide`; a frequency is an unknown more."""
+        unknowns = len(subset) + any(self.term(i).in_time for i in subset)
+        return 0.5 * ((self.saved(subset) - self.saved(())) / inflation - unknowns * math.log(effective))
 
     def values(self, subset: tuple[int, ...]) -> dict[str, float]:
         """The unknowns of the cradle, and coefficients, where the linear model with a subset has its least."""
@@ -183,17 +201,18 @@ class Linear:
         return values | {self.term(j).name: float(c) for j, c in zip(subset, coefficients, strict=True)}
 
 
-def _column(fitted: Fitted, scales: Scales, term: Term) -> np.ndarray:
-    """d residuals / d coefficient, (R + P,), by a step that the noise would just show; 0 where it is impossible."""
+def column(fitted: Fitted, scales: Scales, term: Term, step: float = _STEP) -> np.ndarray:
+    """d residuals / d coefficient, (R + P,), by a step [its unit] that the noise would just show, sought
+    from `step` on; 0 where it is impossible."""
     likelihood = Likelihood(extended(fitted.experiment, scales, (term,)), fitted.likelihood.rows, 1)
-    step, moved = _STEP, np.zeros(len(fitted.residuals))
+    moved = np.zeros(len(fitted.residuals))
     for _ in range(_TRIES):
         try:
             moved = likelihood.residuals(placed(likelihood, {**fitted.values, term.name: step})) - fitted.residuals
         except (SimulationError, ValueError):
             return np.zeros(len(fitted.residuals))
         size = float(np.sqrt(np.mean(moved**2)))
-        if size == 0.0 or _MOVED / 3.0 < size < 3.0 * _MOVED:
+        if size == 0.0 or MOVED / 3.0 < size < 3.0 * MOVED:
             break
-        step *= _MOVED / size
+        step *= MOVED / size
     return moved / step
