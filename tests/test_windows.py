@@ -8,9 +8,10 @@ from scipy.signal import lombscargle
 from identification.diagnose.fitted import Fitted, with_known_noise
 from identification.diagnose.lines import frequencies, independent, power
 from identification.diagnose.locate import locate
-from identification.diagnose.search import Searcher, Store, placed
+from identification.diagnose.search import Searcher, Store, finished, placed
 from identification.diagnose.windows import windows
 from identification.experiment import Experiment
+from identification.likelihood import Likelihood
 from tests.independent.laboratory import record, write_experiment
 from tests.independent.soft_contact import SoftCradle
 
@@ -85,6 +86,24 @@ def test_a_room_that_shakes_is_located_by_its_frequency(tmp_path):
     assert located.where[0]["bob"] is None and located.where[0]["phase"] == "line at 1.3 Hz"
     others = [v for place, v in zip(located.places, located.statistic, strict=True) if place.phase != "line"]
     assert located.largest > 2.0 * max(others) and located.largest > 2.0 * located.replicas.max()
+
+
+def test_a_model_that_only_bends_is_located_by_its_unknowns(tmp_path):
+    """Drag by the square of the speed, met by linear drag: the beginning alone asks for more of it than the whole."""
+    hidden = {"quadratic_drag": {"c2": 2e-2}}
+    path = write_experiment(tmp_path, [recorded(TRUTH["b"], effects=hidden)], stated=TRUTH, run={"fit_to": 30.0})
+    fitted = Searcher(Store(None, ""), 0, 1).nearby(with_known_noise(Experiment.load(path)), TRUTH)
+    located = locate(fitted, fitted.replicates(100, np.random.default_rng(0), (False,)))
+    beginnings = [i for i, place in enumerate(located.places) if place.phase == "unknowns"]
+    assert max(located.statistic[i] for i in beginnings) > 2.0 * located.replicas.max()
+    # What the beginning would have is the refit itself: χ² there falls by the statistic, to first order.
+    i = max(beginnings, key=lambda i: located.statistic[i])
+    rows, until = located.places[i].rows, located.places[i].interval[1]
+    likelihood = fitted.likelihood
+    early = Likelihood(likelihood.experiment, [likelihood.rows[0] & (likelihood.experiment.runs[0].times <= until)], 1)
+    refitted = Fitted(early, finished(early, fitted.point))
+    gained = np.sum(fitted.residuals[rows] ** 2) - np.sum(refitted.residuals[: len(rows)] ** 2)
+    assert gained == pytest.approx(np.sum((located.places[i].basis.T @ fitted.residuals[rows]) ** 2), rel=0.2)
 
 
 def test_the_power_of_a_line_is_that_of_lomb_and_scargle():
