@@ -16,12 +16,13 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.stats import chi2
 
 from cradle_env.effects import LEARNED
 from cradle_env.simulation import SimulationError
 from identification.diagnose.candidates import without_effect
 from identification.diagnose.cut import windowed
-from identification.diagnose.decide import colour, coloured
+from identification.diagnose.decide import ALPHA, colour, coloured
 from identification.diagnose.fitted import Fitted
 from identification.diagnose.in_time import with_time
 from identification.diagnose.search import Searcher, placed
@@ -68,8 +69,18 @@ def learn(fitted: Fitted, searcher: Searcher, tell: Progress) -> Law | None:
         several = choices(timed[0])
         swinging = tuple(i for i in several[0] if timed[0].term(i).in_time) if several else ()
         if swinging:
-            laws += [_predicting(fitted, searcher, *timed, some, alone, tell) for some in ([swinging], several)]
+            found = [_predicting(fitted, searcher, *timed, some, alone, tell) for some in ([swinging], several)]
+            noise = _largest_of_noise(inner(fitted.experiment))
+            laws += [law for law in found if law is not None and law.inner_after < noise]
     return _best([law for law in laws if law is not None])
+
+
+def _largest_of_noise(experiment: Experiment) -> float:
+    """The gap on what is held out that noise alone passes once in a hundred times. A force in time is learned only if
+    it leaves no more: near the frequency of the swing it bends to whatever swings with the bobs, for a while."""
+    held = training_rows(experiment)[1]
+    count = sum(int(np.sum(~np.isnan(run.readings[k]))) for run, k in zip(experiment.runs, held, strict=True))
+    return math.sqrt(chi2.isf(ALPHA, count) / count)
 
 
 def _best(laws: list[Law]) -> Law | None:
