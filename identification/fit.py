@@ -57,6 +57,8 @@ def find_mode(likelihood: Likelihood, seed: int = 0, progress: Progress | None =
         tell("search", (_REFINED + k + 1) / (_REFINED + _FINISHED + 2), "refining on all data")
         finished.append(refine(likelihood, point, 20))
     point, least = min(finished, key=lambda pair: pair[1])
+    if not math.isfinite(least):
+        raise SimulationError("no point of the search can be simulated over all data: state values nearer to the truth")
     if "kappa" in likelihood.names:
         tell("search", 0.9, "neighbouring modes of κ")
         point, least = _climb_ladder(likelihood, point, least)
@@ -155,10 +157,14 @@ def jacobian(likelihood: Likelihood, point: np.ndarray, base: np.ndarray) -> np.
 
 
 def refine(likelihood: Likelihood, point: np.ndarray, evaluations: int) -> tuple[np.ndarray, float]:
-    """(point, sum of squared residuals) that least squares reaches in at most so many evaluations."""
+    """(point, sum of squared residuals) that least squares reaches in at most so many evaluations; (start, inf) where
+    it cannot begin."""
     low, high = bounds(likelihood)
     inside = np.clip(point, low, high)
-    length = len(likelihood.residuals(inside))
+    try:
+        length = len(likelihood.residuals(inside))
+    except (SimulationError, ValueError):
+        return inside, math.inf
     last: dict[str, np.ndarray] = {}
 
     def residuals(z: np.ndarray) -> np.ndarray:

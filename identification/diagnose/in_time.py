@@ -16,8 +16,8 @@ from identification.diagnose.fitted import Fitted, span
 from identification.diagnose.lines import frequencies
 from identification.diagnose.terms import MOVED, Linear, Scales, Term, column, library
 
-#: Frequencies at which windows are simulated, per inverse width of a window: splines are then good to 1e-3.
-_COARSE = 3.0
+#: Frequencies at which windows are simulated, per inverse width of a window: splines then find the best on the grid.
+_COARSE = 2.0
 #: Frequencies that are judged together.
 _TOGETHER = 32
 

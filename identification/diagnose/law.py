@@ -17,11 +17,12 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.stats import chi2
 
 from cradle_env.effects import LEARNED
 from cradle_env.simulation import SimulationError
 from identification.diagnose.cut import windowed
-from identification.diagnose.decide import colour, coloured
+from identification.diagnose.decide import ALPHA, colour, coloured
 from identification.diagnose.fitted import Fitted
 from identification.diagnose.in_time import with_time
 from identification.diagnose.search import Searcher, placed
@@ -72,7 +73,8 @@ def learn(fitted: Fitted, searcher: Searcher, tell: Progress) -> Law | None:
         several = choices(linear)
         swinging = tuple(i for i in several[0] if linear.term(i).in_time) if several else ()
         if swinging:
-            laws += [(_first(none, searcher, part, at, linear, some), at) for some in ([swinging], several)]
+            found = (_first(none, searcher, part, at, linear, some) for some in ([swinging], several))
+            laws += [(law, at) for law in found if law is not None and law.inner_after < _largest_of_noise(part)]
     wider, scales = _best([(law, at) for law, at in laws if law is not None]) or (None, scales)
     law, rounds = wider, 0
     while wider is not None and rounds < _ROUNDS:
@@ -81,6 +83,14 @@ def learn(fitted: Fitted, searcher: Searcher, tell: Progress) -> Law | None:
         subset, rounds = chosen(linear), rounds + 1
         wider = _with(law, searcher, part, scales, linear, subset) if subset else None
     return wider or law
+
+
+def _largest_of_noise(experiment: Experiment) -> float:
+    """The gap on what is held out that noise alone passes once in a hundred times. A force in time is learned only if
+    it leaves no more: near the frequency of the swing it bends to whatever swings with the bobs, for a while."""
+    held = training_rows(experiment)[1]
+    count = sum(int(np.sum(~np.isnan(run.readings[k]))) for run, k in zip(experiment.runs, held, strict=True))
+    return math.sqrt(chi2.isf(ALPHA, count) / count)
 
 
 def _best(laws: list[tuple[Law, Scales]]) -> tuple[Law, Scales] | None:

@@ -6,7 +6,7 @@ import numpy as np
 
 #: Frequencies looked at: as many to the width of a line, 1/duration; from so many swings over the duration to so many
 #: per small-angle period of the cradle, beyond which a force hardly moves a bob.
-_FINE, _LEAST, _FASTEST = 4, 2.0, 5.0
+_FINE, _LEAST, _FASTEST = 4, 2.0, 4.0
 
 
 def frequencies(duration: float, period: float) -> np.ndarray:
