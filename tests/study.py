@@ -340,6 +340,7 @@ def main() -> None:
     parser.add_argument("--processes", type=int, default=2)
     chosen = parser.parse_args()
     left = [case for case in cases(chosen.rounds) if not (chosen.folder / case.name / "result.json").is_file()]
+    np.random.default_rng(0).shuffle(left)  # type: ignore[arg-type]  # what is done when it stops is a fair part
     with multiprocessing.get_context("spawn").Pool(chosen.processes, maxtasksperchild=20) as pool:
         pool.starmap(run, [(case, chosen.folder) for case in left], chunksize=1)
 

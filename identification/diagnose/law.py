@@ -1,10 +1,10 @@
 """A smooth law for what no effect of the catalogue explains: few terms of a fixed library, learned from the data.
 
-Terms are chosen in windows of time with start states of their own, where a force shows where it acts: the best subset
-of each size, and of them the one with the most evidence; without forces in time, and with them. The law is then fitted
-to the training part as one free run, where what it leaves shows further terms, and kept if it predicts: fitted to the
-first two thirds of the training part, it must do better on the rest of it than the model alone. What is held out is
-never looked at.
+Terms are chosen in windows of time with start states of their own, where a force shows where it acts, and in the free
+run, which tells more where the misfit is small: the best subset of each size, and of them the one with the most
+evidence; without forces in time, and with them. The law is then fitted to the training part as one free run, where what
+it leaves shows further terms, and kept if it predicts: fitted to the first two thirds of the training part, it must do
+better on the rest of it than the model alone. What is held out is never looked at.
 """
 
 from __future__ import annotations
@@ -66,7 +66,8 @@ def learn(fitted: Fitted, searcher: Searcher, tell: Progress) -> Law | None:
     tell("law", 0.4, "which terms")
     part = inner(fitted.experiment)
     none = Law(fitted, fitted, (), *[_free(fitted, searcher, part, scales, (), {}).held_out_gap()] * 2)
-    laws = [(_first(none, searcher, part, scales, linear, choices(linear)), scales)]
+    laws = [(_first(none, searcher, part, scales, some, choices(some)), scales)
+            for some in (linear, Linear.of(fitted, scales))]  # fmt: skip
     tell("law", 0.6, "forces in time")
     if (timed := with_time(linear, scales, chosen(linear))) is not None:
         linear, at = timed
