@@ -1,8 +1,8 @@
 """Diagnoses of pendulums that MuJoCo swings: python -m tests.study_mujoco DIR [--cases 12]
 
 One bob on a hinge with damping, which the base model has as b, and in every second case with friction loss, which it
-has not: the engine's own dry friction, a constraint that gives way a little, stands for a real pivot. Needs MuJoCo
-(`pip install mujoco`). Cases are kept one at a time; DIR/study.md is the table.
+has not: the engine's own dry friction, a constraint that gives way within two of its steps, stands for a real pivot.
+Needs MuJoCo (`pip install mujoco`). Cases are kept one at a time; DIR/study.md is the table.
 """
 
 from __future__ import annotations
@@ -19,7 +19,8 @@ from identification.files import json_text, write_together
 LENGTH, MASS, STEP = 0.30, 0.2813, 2e-4
 MODEL = """
 <mujoco><option timestep="{step}" integrator="RK4" gravity="0 0 -9.81"/>
-<worldbody><body><joint type="hinge" axis="0 -1 0" damping="{damping}" frictionloss="{friction}"/>
+<worldbody><body><joint type="hinge" axis="0 -1 0" damping="{damping}" frictionloss="{friction}"
+ solreffriction="{soft} 1" solimpfriction="0.99 0.9999 0.001"/>
 <inertial pos="0 0 -{length}" mass="{mass}" diaginertia="1e-9 1e-9 1e-9"/></body></worldbody></mujoco>
 """
 
@@ -28,7 +29,7 @@ def swing(b: float, tau_c: float, angle: float, times: np.ndarray) -> np.ndarray
     """θ [rad] at equidistant times [s] of a pendulum let go at an angle [rad], drag b [kg/s], friction τ_c [N m]."""
     import mujoco
 
-    text = MODEL.format(step=STEP, damping=b * LENGTH**2, friction=tau_c, length=LENGTH, mass=MASS)
+    text = MODEL.format(step=STEP, soft=2 * STEP, damping=b * LENGTH**2, friction=tau_c, length=LENGTH, mass=MASS)
     model = mujoco.MjModel.from_xml_string(text)
     data = mujoco.MjData(model)
     data.qpos[0] = angle

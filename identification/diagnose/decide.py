@@ -59,10 +59,13 @@ def decide(fitted: Fitted, scored: Scored, searcher: Searcher, tell: Progress, a
     """Refits the candidates worth it, and decides between them and none."""
     fits = refitted(fitted, scored, searcher, tell)
     inflation, effective = coloured(min(fits.values(), key=lambda fit: fit.chi2, default=fitted))
-    refits = sorted(
-        (judged(fitted, candidate, fit, scored.replicas, inflation, effective) for candidate, fit in fits.items()),
-        key=lambda refit: -refit.log_evidence,
-    )
+    refits = []
+    for candidate, fit in fits.items():
+        try:
+            refits.append(judged(fitted, candidate, fit, scored.replicas, inflation, effective))
+        except SimulationError:  # it ends where nothing was fitted: not a model of this experiment
+            continue
+    refits.sort(key=lambda refit: -refit.log_evidence)
     chosen = next((refit for refit in refits if refit.p < alpha and refit.log_evidence > 0.0), None)
     return Decision(tuple(refits), chosen, _probability(chosen, refits), inflation, effective)
 

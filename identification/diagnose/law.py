@@ -122,6 +122,7 @@ def _with(
             wider = Law(
                 fitted, _free(fitted, searcher, fitted.experiment, scales, terms, values), terms, law.inner_before, gap
             )
+            wider.fitted.held_out_gap()  # raises where the run ends before the readings do
             return wider if wider.log_evidence > law.log_evidence else None
     except SimulationError:  # a law under which the cradle cannot swing
         pass

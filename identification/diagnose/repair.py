@@ -243,9 +243,9 @@ def _exchanges(
             try:
                 searcher.adding(base, candidate)
                 fit = searcher.adding_beside(base, candidate, last.fitted)
+                refit = judged(base, candidate, fit, last.scored.replicas, inflation, effective)
             except (SimulationError, ValueError):
                 continue
-            refit = judged(base, candidate, fit, last.scored.replicas, inflation, effective)
             if own - refit.log_evidence < CLOSE:
                 rivals.append((step.effect, candidate.name))
     doubtful = tuple(dict.fromkeys(own for own, _ in rivals))
