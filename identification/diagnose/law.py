@@ -32,8 +32,9 @@ from identification.fit import Progress, refine, training_rows
 
 #: Terms at most, evaluations of a refit, and the part of the training time that an inner prediction is fitted to.
 _MOST, _EVALUATIONS, _INNER = 10, 20, 2.0 / 3.0
-#: How often more terms are sought in what a law leaves of the free run.
-_ROUNDS = 3
+#: How often more terms are sought in what a law leaves of the free run; the gap up to which a free run is in step with
+#: the data, so that terms may be chosen there at once.
+_ROUNDS, _SMALL = 3, 3.0
 #: Gaps of inner predictions that differ by less than this share are as good as equal.
 _EQUAL = 0.01
 
@@ -66,8 +67,8 @@ def learn(fitted: Fitted, searcher: Searcher, tell: Progress) -> Law | None:
     tell("law", 0.4, "which terms")
     part = inner(fitted.experiment)
     none = Law(fitted, fitted, (), *[_free(fitted, searcher, part, scales, (), {}).held_out_gap()] * 2)
-    laws = [(_first(none, searcher, part, scales, some, choices(some)), scales)
-            for some in (linear, Linear.of(fitted, scales))]  # fmt: skip
+    views = [linear] if fitted.training_gap() > _SMALL else [linear, Linear.of(fitted, scales)]
+    laws = [(_first(none, searcher, part, scales, view, choices(view)), scales) for view in views]
     tell("law", 0.6, "forces in time")
     if (timed := with_time(linear, scales, chosen(linear))) is not None:
         linear, at = timed
@@ -80,7 +81,7 @@ def learn(fitted: Fitted, searcher: Searcher, tell: Progress) -> Law | None:
     law, rounds = wider, 0
     while wider is not None and rounds < _ROUNDS:
         tell("law", 0.8 + 0.05 * rounds, "what the law leaves")
-        law, linear = wider, Linear.of(wider.fitted, scales)
+        law, linear = wider, Linear.of(wider.fitted, scales, wider.terms)
         subset, rounds = chosen(linear), rounds + 1
         wider = _with(law, searcher, part, scales, linear, subset) if subset else None
     return wider or law

@@ -100,9 +100,12 @@ class Linear:
     h: np.ndarray
 
     @classmethod
-    def of(cls, fitted: Fitted, scales: Scales) -> Linear:
-        """Of a fit and the whole library but the terms in time."""
-        terms = tuple(term for term in library(fitted.cradle) if not term.in_time)
+    def of(cls, fitted: Fitted, scales: Scales, had: Sequence[Term] = ()) -> Linear:
+        """Of a fit and the whole library but the terms in time, and what would set the same as the terms it has."""
+        terms = tuple(
+            term for term in library(fitted.cradle)
+            if not term.in_time and not any(term.excludes(own) for own in had)
+        )  # fmt: skip
         columns = in_threads(lambda term: column(fitted, scales, term), terms, fitted.likelihood.workers)
         b = fitted.likelihood.names.index("b")
         basis = span(np.delete(fitted.jacobian, b, axis=1))
