@@ -22,6 +22,8 @@ _APART, _ATTEMPTS, _WIDEST, _SPREAD = 5.0, 8, 1e3, 2.0
 #: Damping, relative to what the readings say of an unknown, and lengths of the steps tried; rounds at most, and the
 #: gain in χ² from which another is worth it.
 _DAMPINGS, _LENGTHS, _ROUNDS, _GAIN = (0.0, 1e-2, 1e-1), (1.0, 0.5, 0.2), 8, 0.5
+#: Steps along single principal directions that are tried besides, in standard deviations.
+_STRIDES = (3.0, 10.0, 30.0)
 
 
 def broad_jacobian(likelihood: Likelihood, point: np.ndarray) -> np.ndarray:
@@ -79,6 +81,11 @@ def polish(likelihood: Likelihood, point: np.ndarray) -> np.ndarray:
         for damping, length in itertools.product(_DAMPINGS, _LENGTHS):
             step = np.linalg.lstsq(H + damping * np.eye(len(H)), slope)[0] / lengths
             tried.append(np.clip(point - length * step, low, high))
+        # Along a ridge the next mode may lie some standard deviations further, with worse between.
+        squares, directions = np.linalg.eigh(H)
+        deviations = directions / np.sqrt(np.maximum(squares, 1e-9)) / lengths[:, None]
+        for direction, strides in itertools.product(deviations.T, _STRIDES):
+            tried += [np.clip(point + sign * strides * direction, low, high) for sign in (1.0, -1.0)]
         costs = in_threads(lambda z: cost(likelihood, z), tried, likelihood.workers)
         best = int(np.argmin(costs))
         if costs[best] > least - _GAIN:

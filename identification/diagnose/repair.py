@@ -15,7 +15,7 @@ from identification.diagnose.decide import ALPHA, CLOSE, Decision, coloured, dec
 from identification.diagnose.fitted import Fitted
 from identification.diagnose.law import Law, advantage, learn
 from identification.diagnose.locate import Located, locate, share
-from identification.diagnose.score import Scored, could_gain, score
+from identification.diagnose.score import Scored, score
 from identification.diagnose.search import Searcher
 from identification.fit import Progress
 
@@ -27,7 +27,7 @@ _SHARE = 0.5
 _SETTLED = 0.1
 #: Several effects that leave less than this share of the excess χ², and yet more than noise, only bend towards it.
 _BENT = 0.1
-#: Share of an effect's gain in χ² that another must come near to first order to be tried in its place.
+#: Share of an effect's gain in χ² that another must have had to be tried in its place.
 _RIVAL = 0.3
 
 
@@ -196,15 +196,16 @@ def _steps(before: Fitted, decision: Decision, searcher: Searcher) -> list[Step]
 def _without_the_needless(
     last: Examined, steps: Sequence[Step], searcher: Searcher, seed: int, estimated: tuple[bool, ...]
 ) -> tuple[Examined, list[Step], list[str]]:
-    """The last model without what it no longer needs, the steps that remain, and names of what went."""
+    """The last model without what it no longer needs, the steps that remain, and names of what went. Where modes are
+    many, an effect may only have led to a better one of the model without it."""
     kept, removed = list(steps), []
-    for step in steps[:-1]:
+    for step in steps:
         required = any(step.effect in _required(other.effect) for other in kept)
         if required:
             continue
         model = without_effect(last.fitted.experiment, step.effect)
         try:
-            fit = searcher.nearby(model, last.fitted.values)
+            fit = searcher.beside(searcher.nearby(model, last.fitted.values), last.fitted)
         except (SimulationError, ValueError):
             continue
         inflation, effective = coloured(last.fitted)
@@ -238,8 +239,6 @@ def _exchanges(
             tell("exchange", i / len(others), f"{candidate.name} for {step.effect}")
             if base.cradle.has(candidate.name):
                 continue
-            if could_gain(base, searcher, candidate) < _RIVAL * (base.chi2 - last.fitted.chi2):
-                continue
             try:
                 searcher.adding(base, candidate)
                 fit = searcher.adding_beside(base, candidate, last.fitted)
@@ -255,9 +254,11 @@ def _exchanges(
 
 def _rivals(step: Step, decisions: Sequence[Decision]) -> list[Candidate]:
     """Candidates that were significant where a step was decided and could stand in its place."""
-    if step.decision is None:
+    if step.decision is None or step.decision.chosen is None:
         return []
+    least = _RIVAL * step.decision.chosen.gain
     return [
         refit.candidate for refit in step.decision.refits
-        if refit.candidate.name != step.effect and len(refit.candidate.effects) == 1 and refit.p < ALPHA
+        if refit.candidate.name != step.effect and len(refit.candidate.effects) == 1
+        and refit.p < ALPHA and refit.gain >= least
     ]  # fmt: skip

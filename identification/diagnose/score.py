@@ -119,14 +119,6 @@ def score(fitted: Fitted, searcher: Searcher, replicates: np.ndarray) -> Scored:
     return Scored(tuple(scores), family_p(largest, replicas), largest, replicas)
 
 
-def could_gain(fitted: Fitted, searcher: Searcher, candidate: Candidate) -> float:
-    """χ² that a candidate would save, to first order and with strengths of any sign; inf where that cannot be told."""
-    several = sensitivities(fitted, searcher, candidate)
-    bases = [basis for basis in (_seen(fitted, sensed.S) for sensed in several) if basis is not None]
-    gains = [float(_gain(basis, fitted.residuals[:, None], False)[0]) for basis in bases]
-    return max(gains, default=0.0 if several else math.inf)
-
-
 def surprise_of(gain: np.ndarray, degrees: int, sided: bool) -> np.ndarray:
     """−log10 p of a gain in χ²: half of it can be had by a strength of one sign only."""
     tail = log_tail(np.maximum(gain, 0.0), max(degrees, 1))
