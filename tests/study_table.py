@@ -66,7 +66,12 @@ def summary(rows: list[Row]) -> list[str]:
     lines.append(("in no catalogue: a wrong name (≤ 5 %)", share(unknown, lambda r: bool(reported(r)))))
     good = [row for row in rows if row["hidden"] and row["right"] and row["hidden"] != ["?"]]
     lines.append(("named rightly: held-out gap ≤ 1.05 (all)", share(good, lambda r: r["gap after"] <= 1.05)))
-    right = [row for row in rows if row["right"] and row["hidden"] != ["?"]]
+    # Of equals, the parameters are those of the first: others that do as well have other ones.
+    right = [
+        row
+        for row in rows
+        if row["right"] and sorted([*row["named"], *(row["one of"] or [[]])[0]]) == sorted(row["hidden"])
+    ]
     for key in ("k_f", "kappa", "b"):
         errors = np.array([row["errors"][key] for row in right if key in row["errors"]])
         if len(errors):
