@@ -188,13 +188,14 @@ def test_dask():
     np.testing.assert_array_equal(again["lambda"], swept["lambda"])
 
 
+#: Long enough, a second or two, to be killed half way on a busy machine.
 SWEPT = """
 import sys
 import numpy as np
 from cradle_env import Cradle, Release
 from identification.sweep import Grid, sweep
 grid = Grid({"beta": np.linspace(0.05, 0.33, 400)}, Cradle(bobs=2), Release(angle=0.228))
-sweep(grid, duration=10.0, out=sys.argv[1], workers=1)
+sweep(grid, duration=60.0, out=sys.argv[1], workers=1)
 """
 
 
@@ -212,10 +213,10 @@ def test_what_a_kill_leaves_is_kept_and_the_rest_is_run(by, tmp_path, monkeypatc
     ran = []
     monkeypatch.setattr(sweep_engine, "simulate", lambda *run, **more: ran.append(run) or simulate(*run, **more))
     grid = Grid({"beta": np.linspace(0.05, 0.33, 400)}, PAIR, RELEASE)
-    swept = sweep(grid, duration=10.0, out=tmp_path)
+    swept = sweep(grid, duration=60.0, out=tmp_path)
     assert len(ran) == 400 - len(kept)
     assert set(kept["lambda"]) <= set(swept["lambda"])
-    np.testing.assert_allclose(swept["lambda"], sweep(grid, duration=10.0)["lambda"], rtol=0.0, atol=ROUNDING)
+    np.testing.assert_allclose(swept["lambda"], sweep(grid, duration=60.0)["lambda"], rtol=0.0, atol=ROUNDING)
 
 
 def test_another_sweep_is_not_mixed_into_a_folder(tmp_path):
