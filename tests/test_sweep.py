@@ -190,11 +190,12 @@ def test_dask():
 
 #: Long enough, a second or two, to be killed half way on a busy machine.
 SWEPT = """
-import sys
+import signal, sys
 import numpy as np
 from cradle_env import Cradle, Release
 from identification.sweep import Grid, sweep
 grid = Grid({"beta": np.linspace(0.05, 0.33, 400)}, Cradle(bobs=2), Release(angle=0.228))
+signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell may have it ignored in the background
 sweep(grid, duration=60.0, out=sys.argv[1], workers=1)
 """
 
