@@ -29,22 +29,23 @@ _STRIDES = (3.0, 10.0, 30.0)
 def broad_jacobian(likelihood: Likelihood, point: np.ndarray) -> np.ndarray:
     """Derivatives of the residuals (R, D), by differences to both sides as wide as the readings tell them apart well:
     first in each unknown alone, then along the principal directions that those show."""
+    length = len(likelihood.residuals(point))
     first = np.array(in_threads(
-        lambda i: _column(likelihood, point, i), list(range(len(point))), likelihood.workers
+        lambda i: _column(likelihood, point, i, length), list(range(len(point))), likelihood.workers
     )).T  # fmt: skip
     lengths = np.maximum(np.linalg.norm(first, axis=0), 1e-300)
     s, Vt = np.linalg.svd(first / lengths, full_matrices=False)[1:]
     if s[-1] < 1e-7 * s[0]:
         return first  # along what no reading holds, there is nothing to follow
     directions = Vt.T / lengths[:, None] / s * _SPREAD
-    changes = in_threads(lambda v: _between(likelihood, point, v, len(first)), list(directions.T), likelihood.workers)
+    changes = in_threads(lambda v: _between(likelihood, point, v, length), list(directions.T), likelihood.workers)
     return np.linalg.solve(directions.T, np.array(changes)).T
 
 
-def _column(likelihood: Likelihood, point: np.ndarray, i: int) -> np.ndarray:
+def _column(likelihood: Likelihood, point: np.ndarray, i: int, length: int) -> np.ndarray:
     """Derivative with respect to one unknown, (R,): from a step that is far too wide down to one that fits, past the
     single values at which a run comes out quite different."""
-    direction, length = np.eye(len(point))[i], len(likelihood.residuals(point))
+    direction = np.eye(len(point))[i]
     step = _WIDEST * float(steps(likelihood)[i])
     derivative = np.zeros(length)
     for _ in range(_ATTEMPTS):

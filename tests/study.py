@@ -191,6 +191,7 @@ class Oracle:
     """What an apparatus hides, by the χ² that the best wrong model, refitted, leaves of noiseless training data."""
 
     def __init__(self, apparatus: Apparatus, scratch: Path):
+        from identification.diagnose.candidates import candidates
         from identification.diagnose.score import sensitivities
 
         self.apparatus, self.scratch = apparatus, scratch
@@ -201,7 +202,7 @@ class Oracle:
         right = hidden | _same(hidden)
         self.wrong = [
             (candidate, sensed, np.linalg.qr(self.fitted.project(sensed.S))[0])
-            for candidate in candidates_of(self.fitted) if candidate.name not in right
+            for candidate in candidates(self.fitted.cradle) if candidate.name not in right
             for sensed in sensitivities(self.fitted, self.searcher, candidate)
         ]  # fmt: skip
 
@@ -251,13 +252,6 @@ def _nearer(nearest, searcher, base, candidate, beside, likely):
         return min(nearest, searcher.adding_beside(base, candidate, beside, likely), key=lambda fit: fit.chi2)
     except ValueError:
         return nearest
-
-
-def candidates_of(fitted) -> tuple:
-    """All that could be added to a model."""
-    from identification.diagnose.candidates import candidates
-
-    return tuple(candidates(fitted.cradle))
 
 
 def strengths_for(apparatus: Apparatus, scratch: Path) -> tuple[list[float], float]:
