@@ -117,8 +117,13 @@ def judged(
     strengths = [p for p in candidate.declaration.parameters if is_strength(p)]
     sided = bool(strengths) and all(map(one_sided, strengths))
     own = float(surprise_of(np.array(gain / inflation), max(more, 1), sided))
-    evidence = 0.5 * (gain / inflation - more * math.log(effective))
+    evidence = log_evidence(gain, more, inflation, effective)
     return Refit(candidate, fit, gain, more, evidence, family_p(own, replicas), fit.held_out_gap())
+
+
+def log_evidence(gain: float, unknowns: int, inflation: float, effective: float) -> float:
+    """½ (Δχ²/c − k ln n_eff), of a gain in χ² by k more unknowns."""
+    return 0.5 * (gain / inflation - unknowns * math.log(effective))
 
 
 def coloured(fitted: Fitted) -> tuple[float, float]:

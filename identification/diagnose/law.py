@@ -22,7 +22,7 @@ from scipy.stats import chi2
 from cradle_env.effects import LEARNED
 from cradle_env.simulation import SimulationError
 from identification.diagnose.cut import windowed
-from identification.diagnose.decide import ALPHA, colour, coloured
+from identification.diagnose.decide import ALPHA, colour, coloured, log_evidence
 from identification.diagnose.fitted import Fitted
 from identification.diagnose.in_time import with_time
 from identification.diagnose.search import Searcher, placed
@@ -53,7 +53,8 @@ class Law:
     @functools.cached_property
     def log_evidence(self) -> float:
         """Over the model without it."""
-        return log_evidence(self.before, self.fitted)
+        more = len(self.fitted.point) - len(self.before.point)
+        return log_evidence(self.before.chi2 - self.fitted.chi2, more, *coloured(self.fitted))
 
 
 def learn(fitted: Fitted, searcher: Searcher, tell: Progress) -> Law | None:
@@ -175,7 +176,7 @@ def advantage(law: Law, named: Fitted) -> float:
     rival = law.fitted
     inflation, effective = coloured(min((named, rival), key=lambda one: one.chi2))
     more = len(rival.point) - len(named.point)
-    evidence = 0.5 * ((named.chi2 - rival.chi2) / inflation - more * math.log(effective))
+    evidence = log_evidence(named.chi2 - rival.chi2, more, inflation, effective)
     return evidence - math.log(math.comb(len(library(rival.cradle)), len(law.terms)))
 
 
@@ -200,13 +201,6 @@ def inner(experiment: Experiment) -> Experiment:
             split = float(times[0] + _INNER * (times[-1] - times[0]))
             runs.append(dataclasses.replace(run, times=times, readings=run.readings[rows], fit_to=split))
     return dataclasses.replace(experiment, runs=tuple(runs), digest="inner")
-
-
-def log_evidence(before: Fitted, after: Fitted) -> float:
-    """Of a model over another that is nested in it: ½ (Δχ²/c − k ln n_eff), see `decide`."""
-    inflation, effective = coloured(after)
-    more = len(after.point) - len(before.point)
-    return 0.5 * ((before.chi2 - after.chi2) / inflation - more * math.log(effective))
 
 
 def _key(*what: object) -> str:

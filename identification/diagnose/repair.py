@@ -11,7 +11,7 @@ import numpy as np
 from cradle_env.effects import effect
 from cradle_env.simulation import SimulationError
 from identification.diagnose.candidates import Candidate, candidates, is_strength, without_effect
-from identification.diagnose.decide import ALPHA, CLOSE, Decision, coloured, decide, judged
+from identification.diagnose.decide import ALPHA, CLOSE, Decision, coloured, decide, judged, log_evidence
 from identification.diagnose.fitted import Fitted
 from identification.diagnose.law import Law, advantage, learn
 from identification.diagnose.locate import Located, locate, share
@@ -233,8 +233,8 @@ def _exchanges(
             continue
         model = without_effect(last.fitted.experiment, step.effect)
         base = searcher.nearby(model, last.fitted.values)
-        own = 0.5 * ((base.chi2 - last.fitted.chi2) / inflation
-                     - (len(last.fitted.point) - len(base.point)) * np.log(effective))  # fmt: skip
+        more = len(last.fitted.point) - len(base.point)
+        own = log_evidence(base.chi2 - last.fitted.chi2, more, inflation, effective)
         for i, candidate in enumerate(others):
             tell("exchange", i / len(others), f"{candidate.name} for {step.effect}")
             if base.cradle.has(candidate.name):

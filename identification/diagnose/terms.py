@@ -7,7 +7,6 @@ subset saves the χ² hᵀG⁻¹h, its rows and columns alone. Drag b stays in G
 from __future__ import annotations
 
 import functools
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -19,6 +18,7 @@ from cradle_env.effects import LEARNED, effect
 from cradle_env.effects.learned_force import IN_TIME, learned_force
 from cradle_env.simulation import SimulationError, in_threads
 from identification.diagnose.candidates import filled, is_strength, with_effects
+from identification.diagnose.decide import log_evidence
 from identification.diagnose.fitted import Fitted, span
 from identification.diagnose.search import placed
 from identification.experiment import Experiment
@@ -191,7 +191,7 @@ class Linear:
     def log_evidence(self, subset: tuple[int, ...], inflation: float, effective: float) -> float:
         """Over the model alone: ½ (Δχ²/c − k ln n_eff), see `decide`; a frequency is an unknown more."""
         unknowns = len(subset) + any(self.term(i).in_time for i in subset)
-        return 0.5 * ((self.saved(subset) - self.saved(())) / inflation - unknowns * math.log(effective))
+        return log_evidence(self.saved(subset) - self.saved(()), unknowns, inflation, effective)
 
     def values(self, subset: tuple[int, ...]) -> dict[str, float]:
         """The unknowns of the cradle, and coefficients, where the linear model with a subset has its least."""
