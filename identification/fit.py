@@ -21,6 +21,8 @@ _EARLY_PERIODS = 8.0
 _LADDER = (-0.06, -0.045, -0.03, -0.02, -0.01, 0.01, 0.02, 0.03, 0.045, 0.06)
 #: The residual [sigma] of every reading at an impossible point.
 _IMPOSSIBLE = 1e4
+#: Gain in χ², over what a reading leaves, at which least squares ends.
+_GAIN = 1e-3
 
 Progress = Callable[[str, float, str], None]
 
@@ -133,6 +135,12 @@ def cost(likelihood: Likelihood, point: np.ndarray) -> float:
         return math.inf
 
 
+def unit(chi2: float, readings: int) -> float:
+    """What one unit of χ² is worth: 1, or the χ² that each reading leaves where that is more. Differences far below
+    what a model leaves say nothing about it."""
+    return max(1.0, chi2 / max(readings, 1))
+
+
 def steps(likelihood: Likelihood) -> np.ndarray:
     """Finite-difference steps of the coordinates, (D,): small against what is known of each."""
     found = []
@@ -183,7 +191,7 @@ def refine(likelihood: Likelihood, point: np.ndarray, evaluations: int) -> tuple
         x_scale=steps(likelihood),
         max_nfev=evaluations,
         xtol=1e-8,
-        ftol=1e-8,
+        ftol=_GAIN / max(length, 1),
     )
     return found.x, 2.0 * float(found.cost)
 

@@ -8,52 +8,57 @@ unknown is known; those over the width of what the readings tell apart say both.
 from __future__ import annotations
 
 import itertools
+import math
 
 import numpy as np
 
 from cradle_env.simulation import in_threads
-from identification.fit import bounds, cost, safe_residuals, steps
+from identification.fit import bounds, cost, safe_residuals, steps, unit
 from identification.likelihood import Likelihood
 
-#: How far apart, in noises over all readings, the ends of a difference in one unknown are at least; attempts at such a
-#: step, the first in steps of a smooth misfit; half the difference in directions that are known independently of each
-#: other, in standard deviations.
+#: How far apart, in noises over all readings (or in what a reading leaves, where that is more), the ends of a
+#: difference in one unknown are at least; attempts at such a step, the first in steps of a smooth misfit; half the
+#: difference in directions that are known independently of each other, in standard deviations.
 _APART, _ATTEMPTS, _WIDEST, _SPREAD = 5.0, 8, 1e3, 2.0
 #: Damping, relative to what the readings say of an unknown, and lengths of the steps tried; rounds at most, and the
-#: gain in χ² from which another is worth it.
+#: gain in χ², over what a reading leaves, from which another is worth it.
 _DAMPINGS, _LENGTHS, _ROUNDS, _GAIN = (0.0, 1e-2, 1e-1), (1.0, 0.5, 0.2), 8, 0.5
 #: Steps along single principal directions that are tried besides, in standard deviations.
 _STRIDES = (3.0, 10.0, 30.0)
 
 
-def broad_jacobian(likelihood: Likelihood, point: np.ndarray) -> np.ndarray:
+def broad_jacobian(likelihood: Likelihood, point: np.ndarray, widths: np.ndarray | None = None) -> np.ndarray:
     """Derivatives of the residuals (R, D), by differences to both sides as wide as the readings tell them apart well:
-    first in each unknown alone, then along the principal directions that those show."""
-    length = len(likelihood.residuals(point))
+    first in each unknown alone, then along the principal directions that those show. widths: steps (D,) at which the
+    search for such begins, and where those found are left."""
+    residuals = likelihood.residuals(point)
+    length, sigma = len(residuals), math.sqrt(unit(float(np.sum(residuals**2)), len(residuals)))
+    widths = _WIDEST * steps(likelihood) if widths is None else widths
     first = np.array(in_threads(
-        lambda i: _column(likelihood, point, i, length), list(range(len(point))), likelihood.workers
+        lambda i: _column(likelihood, point, i, length, sigma, widths), list(range(len(point))), likelihood.workers
     )).T  # fmt: skip
     lengths = np.maximum(np.linalg.norm(first, axis=0), 1e-300)
     s, Vt = np.linalg.svd(first / lengths, full_matrices=False)[1:]
     if s[-1] < 1e-7 * s[0]:
         return first  # along what no reading holds, there is nothing to follow
-    directions = Vt.T / lengths[:, None] / s * _SPREAD
+    directions = Vt.T / lengths[:, None] / s * (_SPREAD * sigma)
     changes = in_threads(lambda v: _between(likelihood, point, v, length), list(directions.T), likelihood.workers)
     return np.linalg.solve(directions.T, np.array(changes)).T
 
 
-def _column(likelihood: Likelihood, point: np.ndarray, i: int, length: int) -> np.ndarray:
+def _column(
+    likelihood: Likelihood, point: np.ndarray, i: int, length: int, sigma: float, widths: np.ndarray
+) -> np.ndarray:
     """Derivative with respect to one unknown, (R,): from a step that is far too wide down to one that fits, past the
     single values at which a run comes out quite different."""
     direction = np.eye(len(point))[i]
-    step = _WIDEST * float(steps(likelihood)[i])
     derivative = np.zeros(length)
     for _ in range(_ATTEMPTS):
-        change = _between(likelihood, point, step * direction, length)
-        derivative, apart = change / step, 2.0 * float(np.linalg.norm(change))
+        change = _between(likelihood, point, widths[i] * direction, length)
+        derivative, apart = change / widths[i], 2.0 * float(np.linalg.norm(change)) / sigma
         if _APART < apart < 4.0 * _APART:
             break
-        step *= float(np.clip(2.0 * _APART / max(apart, 1e-300), 0.1, 10.0))
+        widths[i] *= float(np.clip(2.0 * _APART / max(apart, 1e-300), 0.1, 10.0))
     return derivative
 
 
@@ -69,27 +74,40 @@ def _between(likelihood: Likelihood, point: np.ndarray, step: np.ndarray, length
     return (change - safe_residuals(likelihood, point - below * step, length)) / max(above + below, 1e-12)
 
 
-def polish(likelihood: Likelihood, point: np.ndarray) -> np.ndarray:
+def polish(likelihood: Likelihood, point: np.ndarray, rounds: int = _ROUNDS) -> np.ndarray:
     """Where steps by the broad derivatives lead from a point, on and on while χ² falls; (D,)."""
-    low, high = bounds(likelihood)
+    widths = _WIDEST * steps(likelihood)
     least = cost(likelihood, point)
-    for _ in range(_ROUNDS):
+    for _ in range(rounds):
         residuals = likelihood.residuals(point)
-        J = broad_jacobian(likelihood, point)
-        lengths = np.maximum(np.linalg.norm(J, axis=0), 1e-300)
-        H, slope = (J / lengths).T @ (J / lengths), (J / lengths).T @ residuals
-        tried = []
-        for damping, length in itertools.product(_DAMPINGS, _LENGTHS):
-            step = np.linalg.lstsq(H + damping * np.eye(len(H)), slope)[0] / lengths
-            tried.append(np.clip(point - length * step, low, high))
-        # Along a ridge the next mode may lie some standard deviations further, with worse between.
-        squares, directions = np.linalg.eigh(H)
-        deviations = directions / np.sqrt(np.maximum(squares, 1e-9)) / lengths[:, None]
-        for direction, strides in itertools.product(deviations.T, _STRIDES):
-            tried += [np.clip(point + sign * strides * direction, low, high) for sign in (1.0, -1.0)]
-        costs = in_threads(lambda z: cost(likelihood, z), tried, likelihood.workers)
-        best = int(np.argmin(costs))
-        if costs[best] > least - _GAIN:
+        worth = unit(least, len(residuals))
+        J = broad_jacobian(likelihood, point, widths)
+        for moves in (_descents(J, residuals), _strides(J, math.sqrt(worth))):
+            tried = [np.clip(point + move, *bounds(likelihood)) for move in moves]
+            costs = in_threads(lambda z: cost(likelihood, z), tried, likelihood.workers)
+            best = int(np.argmin(costs))
+            if better := costs[best] < least - _GAIN * worth:
+                point, least = tried[best], costs[best]
+                break
+        if not better:
             break
-        point, least = tried[best], costs[best]
     return point
+
+
+def _descents(J: np.ndarray, residuals: np.ndarray) -> list[np.ndarray]:
+    """Damped steps of Gauss and Newton, (D,) each."""
+    lengths = np.maximum(np.linalg.norm(J, axis=0), 1e-300)
+    H, slope = (J / lengths).T @ (J / lengths), (J / lengths).T @ residuals
+    moves = []
+    for damping, length in itertools.product(_DAMPINGS, _LENGTHS):
+        moves.append(-length * np.linalg.lstsq(H + damping * np.eye(len(H)), slope)[0] / lengths)
+    return moves
+
+
+def _strides(J: np.ndarray, sigma: float) -> list[np.ndarray]:
+    """Steps along single principal directions, to both sides, (D,) each: along a ridge the next mode may lie some
+    standard deviations further, with worse between."""
+    lengths = np.maximum(np.linalg.norm(J, axis=0), 1e-300)
+    squares, directions = np.linalg.eigh((J / lengths).T @ (J / lengths))
+    deviations = directions / np.sqrt(np.maximum(squares, 1e-9)) / lengths[:, None] * sigma
+    return [sign * stride * one for one, stride in itertools.product(deviations.T, _STRIDES) for sign in (1.0, -1.0)]

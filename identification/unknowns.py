@@ -31,7 +31,7 @@ FIELDS = {
     "restitution": ("1", "e"),
 }
 #: Without a prior, a positive unknown is uniform in its logarithm, this factor either way of its starting value.
-_FACTOR = {"k_f": 30.0, "kappa": 10.0, "b": 100.0}
+_FACTOR = {"k_f": 1000.0, "kappa": 10.0, "b": 100.0}
 #: Width of the global search in the logarithm: stated values are good to some tens of percent, b to a factor.
 _SEARCH = {"k_f": 0.25, "kappa": 0.15, "b": 0.5}
 

@@ -1,5 +1,6 @@
 """Laws learned from data of the soft-contact reference, which has forces that no catalogue foresees."""
 
+import dataclasses
 import json
 from pathlib import Path
 
@@ -16,13 +17,14 @@ from identification.diagnose.cut import windowed
 from identification.diagnose.decide import CLOSE
 from identification.diagnose.fitted import with_known_noise
 from identification.diagnose.in_time import with_time
+from identification.diagnose.inner import inner, predictions
 from identification.diagnose.intervals import intervals
-from identification.diagnose.law import advantage, inner, learn, scales_of
+from identification.diagnose.law import advantage, learn, scales_of
 from identification.diagnose.law_shape import Shape, terms_of
 from identification.diagnose.pictures import law_figure
 from identification.diagnose.report import save
 from identification.diagnose.search import Searcher, Store
-from identification.diagnose.terms import FREQUENCY, Linear, library
+from identification.diagnose.terms import FREQUENCY, Linear, Term, library
 from identification.fit import jacobian
 from tests.independent.laboratory import record, write_experiment
 from tests.independent.soft_contact import SoftCradle
@@ -38,6 +40,11 @@ def fitted(folder, hidden: dict, bobs: int = 1, duration: float = 24.0, **model)
     path = write_experiment(folder, [recording], stated={"kappa": 187.0, "b": 0.0023}, **model)
     searcher = Searcher(Store(None, ""), 0, None)
     return searcher.globally(with_known_noise(Experiment.load(path))), searcher
+
+
+def added(base, searcher, name: str):
+    """The model with an effect of the catalogue, fitted."""
+    return searcher.adding(base, next(c for c in candidates(base.cradle) if c.name == name))
 
 
 @pytest.fixture(scope="module")
@@ -86,8 +93,7 @@ def test_a_law_outdoes_an_effect_that_bends_towards_the_truth_and_not_the_true_o
     friction is none of its kind, it gives way."""
     for hidden, given_up in (({"quadratic_drag": {"c2": 0.01}}, False), ({"smooth_friction": {"tau_c": 1e-3}}, True)):
         base, searcher = fitted(tmp_path / str(given_up), hidden)
-        drag = next(c for c in candidates(base.cradle) if c.name == "quadratic_drag")
-        named, law = searcher.adding(base, drag), learn(base, searcher, QUIET)
+        named, law = added(base, searcher, "quadratic_drag"), learn(base, searcher, QUIET)
         assert law is not None
         assert (advantage(law, named) > CLOSE) is given_up
 
@@ -211,6 +217,34 @@ def test_linear_models_save_what_refits_save(rubbed):
         saved = alone - np.sum(linear.solved(subset)[0] ** 2)
         assert saved == pytest.approx(linear.saved(subset) - linear.saved(()), rel=1e-3)
     assert {term.effect for term in library(rubbed[0].cradle)} == {"learned_force"}
+
+
+def test_further_terms_set_nothing_that_a_law_has(tmp_path):
+    """Two bobs: what is common to both leaves no room for either, nor either for what is common."""
+    base, _ = fitted(tmp_path, {}, bobs=2, duration=4.0)
+    linear = Linear.of(base, scales_of(base))
+    common, single = Term("learned_force", "cubic", 0), Term("learned_force", "cubic", 1)
+    assert {common, single} <= set(linear.terms)
+    assert not {common, single} & set(Linear.of(base, scales_of(base), (common,)).terms)
+    assert Term("learned_force", "cubic", 2) in Linear.of(base, scales_of(base), (single,)).terms
+    alike = linear.alike()
+    assert {term.which for term in alike.terms} == {0} and common in alike.terms
+    place = 1 + list(alike.seen).index(alike.terms.index(common))
+    whole = 1 + list(linear.seen).index(linear.terms.index(common))
+    assert alike.saved((place,)) == pytest.approx(linear.saved((whole,)), rel=1e-9)
+
+
+def test_far_above_the_noise_an_effect_must_predict(shaken):
+    """In a room that shakes, a tenth of the noise stated: a camera that hangs askew gains χ² and predicts nothing; a
+    clock that is off follows the force for longer than it was fitted."""
+    searcher = Searcher(Store(None, ""), 0, None)
+    runs = tuple(dataclasses.replace(run, noise=0.1 * run.noise) for run in shaken[0].experiment.runs)
+    base = searcher.globally(dataclasses.replace(shaken[0].experiment, runs=runs))
+    for name, predicts in (("angle_offset", False), ("clock_scale", True)):
+        more = added(base, searcher, name)
+        gaps = predictions(base, more, searcher)
+        assert more.chi2 < base.chi2 - 50.0 and (gaps[1] < 0.99 * gaps[0]) is predicts
+    assert predictions(shaken[0], added(*shaken, "clock_scale"), shaken[1]) is None  # near the noise χ² tells enough
 
 
 def test_the_inner_split_never_sees_what_is_held_out(rubbed):

@@ -1,5 +1,7 @@
 """Descent over a rough misfit, and how well its unknowns are known, on five bobs of the soft-contact reference."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
@@ -50,3 +52,22 @@ def test_the_truth_lies_within_the_errors(likelihood):
     assert np.all(np.abs(reached - truth) < 3.5 * deviations)
     # Seeing k_f alone is easy: known to a few per cent at most; an error bar of nothing or of everything is wrong.
     assert np.all((deviations[:3] > 1e-4) & (deviations[:3] < 0.5))
+
+
+def test_far_above_the_noise_its_size_is_of_no_matter(tmp_path):
+    """What a model leaves is then the measure: stated ten times smaller, the noise changes neither the widths over
+    which derivatives are taken nor where descent ends."""
+    hidden = SoftCradle(1, stiffness_factor=1e6, effects={"quadratic_drag": {"c2": 0.1}}, kappa=190.0, b=0.002)
+    recording = record(hidden, {1: 0.3}, duration=12.0, seed=3, noise=3e-5)
+    experiment = Experiment.load(write_experiment(tmp_path, [recording], stated={"kappa": 187.0, "b": 0.003}))
+    ends, derivatives = [], []
+    for noise in (3e-5, 3e-6):
+        runs = tuple(dataclasses.replace(run, noise=noise) for run in experiment.runs)
+        own = Searcher(Store(None, ""), 0, None).likelihood(dataclasses.replace(experiment, runs=runs))
+        ends.append(polish(own, own.start()))
+        assert cost(own, ends[-1]) > 10.0 * len(own.residuals(ends[-1]))
+        derivatives.append(broad_jacobian(own, ends[0])[:-1] * noise)  # the last is the prior's of the release
+    np.testing.assert_allclose(ends[0], ends[1], rtol=1e-4)
+    # Over widths ten times smaller they differ by 1e-5 of their size and more.
+    scale = np.abs(derivatives[0]).max(axis=0)
+    np.testing.assert_allclose(derivatives[0] / scale, derivatives[1] / scale, atol=1e-7)

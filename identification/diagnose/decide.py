@@ -2,7 +2,8 @@
 
 Log evidence over the model without a candidate, by Laplace with a prior worth one reading: ½ (Δχ²/c − k ln n_eff),
 k more unknowns. c = s² τ inflates for residuals that are not white: s² is what the best model leaves of the noise's
-variance (at least 1), τ = 1 + 2 Σ ρ the readings that count for one; n_eff = R/τ.
+variance (at least 1), τ = 1 + 2 Σ ρ the readings that count for one; n_eff = R/τ. Far above the noise, what is chosen
+must also predict (see `inner`).
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ import numpy as np
 from cradle_env.simulation import SimulationError
 from identification.diagnose.candidates import Candidate, is_strength, one_sided
 from identification.diagnose.fitted import Fitted, Readings
+from identification.diagnose.inner import EQUAL, predictions
 from identification.diagnose.score import Scored, family_p, surprise_of
 from identification.diagnose.search import Searcher
 from identification.fit import Progress
@@ -45,8 +47,8 @@ class Refit:
 
 @dataclass(frozen=True, eq=False)
 class Decision:
-    """Refits, the most probable first; chosen: the best if it is significant; probability: of the
-    chosen among all and none; inflation c and effective number of readings."""
+    """Refits, the most probable first; chosen: the best that is significant and predicts; probability: of the chosen
+    among all and none; inflation c and effective number of readings."""
 
     refits: tuple[Refit, ...]
     chosen: Refit | None
@@ -66,8 +68,15 @@ def decide(fitted: Fitted, scored: Scored, searcher: Searcher, tell: Progress, a
         except SimulationError:  # it ends where nothing was fitted: not a model of this experiment
             continue
     refits.sort(key=lambda refit: -refit.log_evidence)
-    chosen = next((refit for refit in refits if refit.p < alpha and refit.log_evidence > 0.0), None)
+    significant = (refit for refit in refits if refit.p < alpha and refit.log_evidence > 0.0)
+    chosen = next((refit for refit in significant if _predicts(fitted, refit, searcher)), None)
     return Decision(tuple(refits), chosen, _probability(chosen, refits), inflation, effective)
+
+
+def _predicts(fitted: Fitted, refit: Refit, searcher: Searcher) -> bool:
+    """Whether a refit predicts better than the model without, wherever predictions tell."""
+    gaps = predictions(fitted, refit.fitted, searcher)
+    return gaps is None or gaps[1] < (1.0 - EQUAL) * gaps[0]
 
 
 def refitted(fitted: Fitted, scored: Scored, searcher: Searcher, tell: Progress) -> dict[Candidate, Fitted]:
@@ -77,25 +86,29 @@ def refitted(fitted: Fitted, scored: Scored, searcher: Searcher, tell: Progress)
     likely = {s.candidate: s.likely for s in scored.scores}
     for i, candidate in enumerate(tried):
         tell("refit", 0.5 * i / len(tried), candidate.label)
-        least = min((fit.chi2 for fit in fits.values()), default=fitted.chi2)
-        enough = fitted.chi2 - _NEAR * (fitted.chi2 - least)
+        enough = _enough(fitted, min((fit.chi2 for fit in fits.values()), default=fitted.chi2))
         try:
-            fits[candidate] = searcher.adding(fitted, candidate, likely[candidate], max(enough, least + _ALWAYS))
+            fits[candidate] = searcher.adding(fitted, candidate, likely[candidate], enough)
         except (SimulationError, ValueError):  # this effect cannot be in this cradle
             continue
     best = min(fits, key=lambda candidate: fits[candidate].chi2, default=None)
     if best is None:
         return fits
     alike = next(s.parallel for s in scored.scores if s.candidate == best)
-    others = list(dict.fromkeys([*fits, *alike]))
+    others, enough = list(dict.fromkeys([*fits, *alike])), _enough(fitted, fits[best].chi2)
     for i, candidate in enumerate(others):
         if candidate != best:
             tell("refit", 0.5 + 0.5 * i / len(others), candidate.label)
             try:
-                fits[candidate] = searcher.adding_beside(fitted, candidate, fits[best], likely[candidate])
+                fits[candidate] = searcher.adding_beside(fitted, candidate, fits[best], likely[candidate], enough)
             except (SimulationError, ValueError):
                 continue
     return fits
+
+
+def _enough(fitted: Fitted, least: float) -> float:
+    """The χ² that a candidate must come near to be fitted to the end, where the best so far has the least."""
+    return max(fitted.chi2 - _NEAR * (fitted.chi2 - least), least + _ALWAYS * fitted.unit)
 
 
 def worth_refitting(scored: Scored) -> list[Candidate]:

@@ -10,7 +10,7 @@ import numpy as np
 
 from cradle_env.cradle import Cradle
 from identification.experiment import Experiment
-from identification.fit import training_rows
+from identification.fit import training_rows, unit
 from identification.likelihood import Likelihood, rms
 from identification.noise import estimated_noise, noise_of
 from identification.rough import broad_jacobian
@@ -84,6 +84,11 @@ class Fitted:
     def chi2(self) -> float:
         """Sum of squared residuals, those of the priors included."""
         return float(np.sum(self.residuals**2))
+
+    @property
+    def unit(self) -> float:
+        """What one unit of χ² is worth beside what this model leaves."""
+        return unit(self.chi2, self.count)
 
     @functools.cached_property
     def jacobian(self) -> np.ndarray:

@@ -9,7 +9,6 @@ better on the rest of it than the model alone. What is held out is never looked 
 
 from __future__ import annotations
 
-import dataclasses
 import functools
 import hashlib
 import json
@@ -20,23 +19,24 @@ import numpy as np
 from scipy.stats import chi2
 
 from cradle_env.effects import LEARNED
-from cradle_env.simulation import SimulationError
+from cradle_env.simulation import SimulationError, in_threads
 from identification.diagnose.cut import windowed
 from identification.diagnose.decide import ALPHA, colour, coloured, log_evidence
 from identification.diagnose.fitted import Fitted
 from identification.diagnose.in_time import with_time
+from identification.diagnose.inner import EQUAL, inner
 from identification.diagnose.search import Searcher, placed
 from identification.diagnose.terms import Linear, Scales, Term, extended, library
 from identification.experiment import Experiment
-from identification.fit import Progress, refine, training_rows
+from identification.fit import Progress, cost, refine, training_rows
+from identification.likelihood import rms
+from identification.rough import polish
 
-#: Terms at most, evaluations of a refit, and the part of the training time that an inner prediction is fitted to.
-_MOST, _EVALUATIONS, _INNER = 10, 20, 2.0 / 3.0
-#: How often more terms are sought in what a law leaves of the free run; the gap up to which a free run is in step with
-#: the data, so that terms may be chosen there at once.
-_ROUNDS, _SMALL = 3, 3.0
-#: Gaps of inner predictions that differ by less than this share are as good as equal.
-_EQUAL = 0.01
+#: Terms at most; shares of their coefficients at which refits may start, and evaluations of these.
+_MOST, _PARTS, _EVALUATIONS = 10, (1.0, 0.5, 0.2, 0.05), 20
+#: How often more terms are sought in what a law leaves of the free run; the share of the readings' RMS that a free run
+#: leaves at most where it is in step with the data, so that terms may be chosen there at once.
+_ROUNDS, _IN_STEP = 3, 0.1
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,7 +68,7 @@ def learn(fitted: Fitted, searcher: Searcher, tell: Progress) -> Law | None:
     tell("law", 0.4, "which terms")
     part = inner(fitted.experiment)
     none = Law(fitted, fitted, (), *[_free(fitted, searcher, part, scales, (), {}).held_out_gap()] * 2)
-    views = [linear] if fitted.training_gap() > _SMALL else [linear, Linear.of(fitted, scales)]
+    views = [linear, *(_free_views(none, scales) if _in_step(fitted) else ())]
     laws = [(_first(none, searcher, part, scales, view, choices(view)), scales) for view in views]
     tell("law", 0.6, "forces in time")
     if (timed := with_time(linear, scales, chosen(linear))) is not None:
@@ -78,14 +78,34 @@ def learn(fitted: Fitted, searcher: Searcher, tell: Progress) -> Law | None:
         if swinging:
             found = (_first(none, searcher, part, at, linear, some) for some in ([swinging], several))
             laws += [(law, at) for law in found if law is not None and law.inner_after < _largest_of_noise(part)]
-    wider, scales = _best([(law, at) for law, at in laws if law is not None]) or (None, scales)
-    law, rounds = wider, 0
-    while wider is not None and rounds < _ROUNDS:
-        tell("law", 0.8 + 0.05 * rounds, "what the law leaves")
-        law, linear = wider, Linear.of(wider.fitted, scales, wider.terms)
-        subset, rounds = chosen(linear), rounds + 1
-        wider = _with(law, searcher, part, scales, linear, subset) if subset else None
-    return wider or law
+    found = _best([(law, at) for law, at in laws if law is not None])
+    if found is None:
+        return None
+    law, scales = found
+    for i in range(_ROUNDS):
+        tell("law", 0.8 + 0.05 * i, "what the law leaves")
+        wider = [_first(law, searcher, part, scales, view, choices(view)) for view in _free_views(law, scales)]
+        further = _best([(one, scales) for one in wider if one is not None])
+        if further is None:
+            break
+        law = further[0]
+    return law
+
+
+def _in_step(fitted: Fitted) -> bool:
+    """Whether a free run stays in step with the data, so that what it leaves is linear in what it lacks."""
+    swings, runs = [], fitted.experiment.runs
+    for run, rows, noise in zip(runs, fitted.likelihood.rows, fitted.likelihood.noise, strict=True):
+        if rows.any():
+            readings = run.readings[rows]
+            swings.append(((readings - np.nanmean(readings, axis=0)) / noise).ravel())
+    return fitted.training_gap() < _IN_STEP * rms(np.concatenate(swings))
+
+
+def _free_views(law: Law, scales: Scales) -> list[Linear]:
+    """What the free run of a law shows of further terms: of those common to all bobs alone, and of all."""
+    linear = Linear.of(law.fitted, scales, law.terms)
+    return [linear] if law.fitted.cradle.bobs == 1 else [linear.alike(), linear]
 
 
 def _largest_of_noise(experiment: Experiment) -> float:
@@ -100,7 +120,7 @@ def _best(laws: list[tuple[Law, Scales]]) -> tuple[Law, Scales] | None:
     """Of the laws that predict as well as any, the one with the most evidence: what holds for no longer than it was
     fitted is no law, whatever it explains there, and of the others the simplest is the most evident."""
     least = min((law.inner_after for law, _ in laws), default=0.0)
-    equal = (pair for pair in laws if pair[0].inner_after <= (1.0 + _EQUAL) * least)
+    equal = (pair for pair in laws if pair[0].inner_after <= (1.0 + EQUAL) * least)
     return max(equal, key=lambda pair: pair[0].log_evidence, default=None)
 
 
@@ -116,15 +136,14 @@ def _with(
     law: Law, searcher: Searcher, part: Experiment, scales: Scales, linear: Linear, subset: tuple[int, ...]
 ) -> Law | None:  # fmt: skip
     """The law with further terms, fitted; None where that predicts no better or has less evidence."""
-    fitted, terms = law.before, (*law.terms, *map(linear.term, subset))
-    values = linear.values(subset)
+    new, values = tuple(map(linear.term, subset)), linear.values(subset)
+    fitted, terms = law.before, (*law.terms, *new)
     try:
-        gap = _free(fitted, searcher, part, scales, terms, values).held_out_gap()
+        gap = _free(fitted, searcher, part, scales, terms, values, new).held_out_gap()
         if gap < law.inner_after:
-            wider = Law(
-                fitted, _free(fitted, searcher, fitted.experiment, scales, terms, values), terms, law.inner_before, gap
-            )
-            wider.fitted.held_out_gap()  # raises where the run ends before the readings do
+            whole = _free(fitted, searcher, fitted.experiment, scales, terms, values, new)
+            whole.held_out_gap()  # raises where the run ends before the readings do
+            wider = Law(fitted, whole, terms, law.inner_before, gap)
             return wider if wider.log_evidence > law.log_evidence else None
     except SimulationError:  # a law under which the cradle cannot swing
         pass
@@ -160,13 +179,23 @@ def _evidence(linear: Linear, inflation: float, effective: float, subset: tuple[
 
 def _free(
     fitted: Fitted, searcher: Searcher, experiment: Experiment, scales: Scales, terms: tuple[Term, ...],
-    values: dict[str, float],
+    values: dict[str, float], new: tuple[Term, ...] = (),
 ) -> Fitted:  # fmt: skip
-    """The fit as one free run, near the values found in windows: a free run alone would bend terms to its drift."""
+    """The fit as one free run, near the values found in windows, those of new terms or less of them: a free run alone
+    would bend terms to its drift."""
     likelihood = searcher.likelihood(extended(experiment, scales, terms))
     key = _key([term.name for term in terms], scales, fitted.point.tolist(), experiment.digest)
-    start = placed(likelihood, {**fitted.values, **values})
-    return Fitted(likelihood, searcher.store.point(key, lambda: refine(likelihood, start, _EVALUATIONS)[0]))
+
+    def find() -> np.ndarray:
+        # All that a linear model found at once may throw a long run out of step, where part of it does not.
+        starts = [
+            placed(likelihood, {**fitted.values, **values, **{term.name: part * values[term.name] for term in new}})
+            for part in _PARTS
+        ]
+        costs = in_threads(lambda z: cost(likelihood, z), starts, likelihood.workers)
+        return polish(likelihood, refine(likelihood, starts[int(np.argmin(costs))], _EVALUATIONS)[0])
+
+    return Fitted(likelihood, searcher.store.point(key, find))
 
 
 def advantage(law: Law, named: Fitted) -> float:
@@ -190,17 +219,6 @@ def scales_of(fitted: Fitted) -> Scales:
             largest = max(largest, float(np.nanmax(np.abs(run.readings[rows]))) / unit)
     return {"angle": largest, "speed": largest * math.sqrt(fitted.cradle.gravity * fitted.cradle.length),
             "frequency": 1.0 / fitted.cradle.period}  # fmt: skip
-
-
-def inner(experiment: Experiment) -> Experiment:
-    """The training part alone, the last third of its time held out: this extrapolates as the whole does."""
-    runs = []
-    for run, rows in zip(experiment.runs, training_rows(experiment)[0], strict=True):
-        if rows.any():
-            times = run.times[rows]
-            split = float(times[0] + _INNER * (times[-1] - times[0]))
-            runs.append(dataclasses.replace(run, times=times, readings=run.readings[rows], fit_to=split))
-    return dataclasses.replace(experiment, runs=tuple(runs), digest="inner")
 
 
 def _key(*what: object) -> str:

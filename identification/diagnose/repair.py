@@ -13,6 +13,7 @@ from cradle_env.simulation import SimulationError
 from identification.diagnose.candidates import Candidate, candidates, is_strength, without_effect
 from identification.diagnose.decide import ALPHA, CLOSE, Decision, coloured, decide, judged, log_evidence
 from identification.diagnose.fitted import Fitted
+from identification.diagnose.inner import predictions
 from identification.diagnose.law import Law, advantage, learn
 from identification.diagnose.locate import Located, locate, share
 from identification.diagnose.score import Scored, score
@@ -21,14 +22,15 @@ from identification.fit import Progress
 
 #: Replicates of each model, and how many effects may be added.
 REPLICATES, _MOST_STEPS = 400, 6
-#: Share of the excess χ² that an effect must explain to be named where more than noise is left in the end.
+#: Share of the excess that an effect must explain to be named where more than noise is left in the end.
 _SHARE = 0.5
 #: One effect that leaves so little has left nothing for a law to do better.
 _SETTLED = 0.1
 #: Several effects that leave less than this share of the excess χ², and yet more than noise, only bend towards it.
 _BENT = 0.1
-#: Share of an effect's gain in χ² that another must have had to be tried in its place.
-_RIVAL = 0.3
+#: Share of an effect's gain in χ² that another must have had to be tried in its place; and that another mode of the
+#: model without it must have to be looked at before anything is named.
+_RIVAL, _MODE = 0.3, 0.05
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,7 +92,7 @@ def examine_settled(fitted: Fitted, searcher: Searcher, seed: int, estimated: tu
     if not found.significant:
         return found
     better = searcher.settled(fitted)
-    return examine(better, searcher, seed, estimated) if better.chi2 < fitted.chi2 - 1.0 else found
+    return examine(better, searcher, seed, estimated) if better.chi2 < fitted.chi2 - fitted.unit else found
 
 
 def repair(
@@ -109,7 +111,7 @@ def repair(
             decisions.append(decision)
             break
         better = searcher.beside(now.fitted, decision.chosen.fitted)
-        if better.chi2 < now.fitted.chi2 - 1.0:  # the model may lack less than it seemed
+        if now.fitted.chi2 - better.chi2 > _MODE * decision.chosen.gain:  # the model may lack less than it seemed
             examined[-1] = examine(better, searcher, seed, estimated)
             continue
         decisions.append(decision)
@@ -117,7 +119,7 @@ def repair(
         tell("locate", 0.0, f"what is left with {steps[-1].effect}")
         examined.append(examine_settled(steps[-1].after, searcher, seed, estimated))
         steps[-1] = dataclasses.replace(steps[-1], after=examined[-1].fitted)
-    withdrawn = _withdraw(examined, steps)
+    withdrawn = _withdraw(examined, steps, searcher)
     law = _outdoing(examined, steps, searcher, tell)
     if law is not None:
         withdrawn += _back_to(law.before, examined, steps)
@@ -128,19 +130,26 @@ def repair(
     return Repaired(tuple(examined), tuple(decisions), tuple(kept), (*withdrawn, *removed), alternatives, last, law)
 
 
-def _withdraw(examined: list[Examined], steps: list[Step]) -> list[str]:
+def _withdraw(examined: list[Examined], steps: list[Step], searcher: Searcher) -> list[str]:
     """Takes back names that leave most of what they were to explain: where more than noise remains, something unknown
     is at work, and an effect that only bends towards it is not what is missing; nor are several that together come
     close to the data and not to the noise: one unknown cause is more probable than they and yet another. Returns the
     names."""
     withdrawn = []
     while steps and examined[-1].significant:
-        first, before, after = (_excess(now) for now in (examined[0], *examined[-2:]))
+        first, after = _excess(examined[0]), _excess(examined[-1])
         bent = after < _BENT * first and sum(_bends(step.effect) for step in steps) > 1
-        if after < (1.0 - _SHARE) * before and not bent:
+        if _explains(examined[-2], examined[-1], searcher) and not bent:
             break
         withdrawn += _back_to(examined[0 if bent else -2].fitted, examined, steps)
     return withdrawn
+
+
+def _explains(before: Examined, after: Examined, searcher: Searcher) -> bool:
+    """Whether the last effect explains most of what the model before it left: of its predictions, where they tell."""
+    gaps = predictions(before.fitted, after.fitted, searcher)
+    first, left = (_excess(before), _excess(after)) if gaps is None else (gaps[0] ** 2 - 1.0, gaps[1] ** 2 - 1.0)
+    return left < (1.0 - _SHARE) * first
 
 
 def _excess(examined: Examined) -> float:

@@ -17,14 +17,15 @@ from identification.diagnose.candidates import Candidate, Values, starts, with_e
 from identification.diagnose.fitted import Fitted
 from identification.experiment import Experiment
 from identification.files import json_text, write_together
-from identification.fit import Progress, bounds, cost, early_rows, find_mode, refine, training_rows
+from identification.fit import Progress, bounds, cost, early_rows, find_mode, refine, training_rows, unit
 from identification.likelihood import Likelihood
 from identification.rough import polish
 
 #: Strengths at which a search starts, in scales of the parameter.
 _FACTORS = (0.1, 1.0, 3.0)
-#: How many starts are followed, by how many evaluations; how many of them to the end, by how many at most.
-_FOLLOWED, _FIRST, _KEPT, _LAST = 3, 5, 2, 40
+#: How many starts are followed, by how many evaluations; how many of them to the end, by how many at most; and rounds
+#: over a rough misfit before a model is given up.
+_FOLLOWED, _FIRST, _KEPT, _LAST, _FEW = 3, 5, 2, 40, 2
 #: Global searches for a model that seems to fail; relative steps of κ about the best, how many of them are followed,
 #: and how often.
 _ATTEMPTS, _TRIED, _CLIMBS = 2, 4, 5
@@ -117,19 +118,20 @@ class Searcher:
         return self._better(Fitted(likelihood, self.store.point(key, find)))
 
     def adding_beside(
-        self, fitted: Fitted, candidate: Candidate, other: Fitted, likely: Sequence[Values] = ()
-    ) -> Fitted:
+        self, fitted: Fitted, candidate: Candidate, other: Fitted, likely: Sequence[Values] = (),
+        enough: float = math.inf,
+    ) -> Fitted:  # fmt: skip
         """The best fit of the model with a candidate added, once more: from where another model has its mode. Modes
-        that differ in κ are common to all of them, and what bends one model into a wrong one hides from the next."""
+        that differ in κ are common to all of them, and what bends one model into a wrong one hides from the next. A
+        fit that is far from a χ² of `enough` is left unfinished."""
         own, likelihood = candidate.declaration, self._with(fitted, candidate)
         if not own.parameters or len(candidate.effects) > 1:
             return self.adding(fitted, candidate)
         several = [*starts(own, fitted.cradle.bobs, _FACTORS), *likely]
         tried = [placed(likelihood, {**other.values, **flat(own.name, values)}) for values in several]
         key = _key("beside", likelihood.experiment, fitted.point.tolist(), other.point.tolist())
-        return self._better(
-            Fitted(likelihood, self.store.point(key, lambda: best_of(likelihood, tried, early_too=False)))
-        )
+        point = self.store.point(key, lambda: best_of(likelihood, tried, early_too=False, enough=enough))
+        return self._better(Fitted(likelihood, point))
 
     def beside(self, fitted: Fitted, other: Fitted) -> Fitted:
         """The best fit of a model, once more: from where another model has its mode."""
@@ -175,7 +177,10 @@ def best_of(
         raise SimulationError("none of the starting values can be simulated")
     nearest = min(reached, key=lambda pair: pair[1])
     if nearest[1] > enough:
-        return nearest[0]
+        near = polish(likelihood, nearest[0], _FEW)
+        reached.append((near, cost(likelihood, near)))
+        if reached[-1][1] > enough:
+            return near
     distinct: list[tuple[np.ndarray, float]] = []
     for point, least in sorted(reached, key=lambda pair: pair[1]):
         if all(abs(least - other) > 1e-2 for _, other in distinct):
@@ -192,7 +197,8 @@ def finished(likelihood: Likelihood, point: np.ndarray) -> np.ndarray:
 def climb(likelihood: Likelihood, point: np.ndarray) -> np.ndarray:
     """The best mode that fine steps of κ lead to, on and on; (D,)."""
     k = likelihood.names.index("kappa")
-    so_far = cost(likelihood, point)
+    residuals = likelihood.residuals(point)
+    so_far = float(np.sum(residuals**2))
     for _ in range(_CLIMBS):
         rungs = []
         for step in (*_RUNGS, *(-rung for rung in _RUNGS)):
@@ -205,7 +211,7 @@ def climb(likelihood: Likelihood, point: np.ndarray) -> np.ndarray:
             break
         best, least = min(reached, key=lambda pair: pair[1])
         best, least = refine(likelihood, best, _LAST)
-        if least > so_far - 1.0:
+        if least > so_far - unit(so_far, len(residuals)):
             break
         point, so_far = best, least
     return point

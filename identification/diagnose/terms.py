@@ -111,6 +111,11 @@ class Linear:
         basis = span(np.delete(fitted.jacobian, b, axis=1))
         return cls._with(fitted, terms, np.column_stack(columns), basis)
 
+    def alike(self) -> Linear:
+        """With the terms alone that are common to all bobs, pairs or impacts."""
+        common = [i for i, term in enumerate(self.terms) if not term.which]
+        return self._with(self.fitted, tuple(self.terms[i] for i in common), self.columns[:, common], self.basis)
+
     def beside(self, terms: Sequence[Term], columns: np.ndarray) -> Linear:
         """With more terms, and their columns (R + P, K)."""
         return self._with(self.fitted, (*self.terms, *terms), np.column_stack([self.columns, columns]), self.basis)

@@ -1,0 +1,55 @@
+"""Prediction within the training part: a model fitted to the first two thirds of its time is held against the rest of
+it. This extrapolates as the whole does, and never looks at what is held out."""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import json
+
+from identification.diagnose.fitted import Fitted
+from identification.diagnose.search import Searcher, finished, placed
+from identification.experiment import Experiment
+from identification.fit import training_rows
+
+#: The part of the training time that is fitted.
+_INNER = 2.0 / 3.0
+#: Gaps of inner predictions that differ by less than this share are as good as equal.
+EQUAL = 0.01
+#: The gap from which on a model leaves far more than noise; and how much larger the gap of a prediction than that of
+#: the fit may be where the two are still in step.
+_FAR, _IN_STEP = 2.0, 2.0
+
+
+def inner(experiment: Experiment) -> Experiment:
+    """The training part alone, the last third of its time held out."""
+    runs = []
+    for run, rows in zip(experiment.runs, training_rows(experiment)[0], strict=True):
+        if rows.any():
+            times = run.times[rows]
+            split = float(times[0] + _INNER * (times[-1] - times[0]))
+            runs.append(dataclasses.replace(run, times=times, readings=run.readings[rows], fit_to=split))
+    return dataclasses.replace(experiment, runs=tuple(runs), digest="inner")
+
+
+def predictions(without: Fitted, refit: Fitted, searcher: Searcher) -> tuple[float, float] | None:
+    """Gaps of the inner predictions of a model and of one with more, where these tell more than χ² does: far above the
+    noise every effect gains much χ², by bending towards what is missing.
+
+    None near the noise, or where the model without predicts out of step.
+    """
+    if refit.training_gap() < _FAR:
+        return None
+    before = _fitted_within(without, searcher)
+    if before.held_out_gap() > _IN_STEP * before.training_gap():
+        return None
+    return before.held_out_gap(), _fitted_within(refit, searcher).held_out_gap()
+
+
+def _fitted_within(fitted: Fitted, searcher: Searcher) -> Fitted:
+    """The model fitted to the first two thirds, from where it has its mode."""
+    likelihood = searcher.likelihood(inner(fitted.experiment))
+    described = json.dumps(["inner", likelihood.names, fitted.cradle.model, fitted.point.tolist()])
+    key = hashlib.sha256(described.encode()).hexdigest()[:20]
+    start = placed(likelihood, fitted.values)
+    return Fitted(likelihood, searcher.store.point(key, lambda: finished(likelihood, start)))
