@@ -21,8 +21,8 @@ from identification.fit import Progress, bounds, cost, early_rows, find_mode, re
 from identification.likelihood import Likelihood
 from identification.rough import polish
 
-#: Strengths at which a search starts, in scales of the parameter.
-_FACTORS = (0.1, 1.0, 3.0)
+#: Strengths at which a search starts, in scales of the parameter: from as good as none, which is no worse than without.
+_FACTORS = (0.01, 0.1, 1.0, 3.0)
 #: How many starts are followed, by how many evaluations; how many of them to the end, by how many at most; and rounds
 #: over a rough misfit before a model is given up.
 _FOLLOWED, _FIRST, _KEPT, _LAST, _FEW = 3, 5, 2, 40, 2
