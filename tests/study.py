@@ -203,7 +203,7 @@ class Oracle:
         self.wrong = [
             (candidate, sensed, np.linalg.qr(self.fitted.project(sensed.S))[0])
             for candidate in candidates(self.fitted.cradle) if candidate.name not in right
-            for sensed in sensitivities(self.fitted, self.searcher, candidate)
+            for sensed in sensitivities(self.fitted, candidate)
         ]  # fmt: skip
 
     def delta(self, strengths: list[float], refitted: bool = True) -> float:
@@ -225,7 +225,7 @@ class Oracle:
             nearest = _nearer(nearest, searcher, base, candidate, base, likely)
         if self.apparatus.case.kinds[0] in UNKNOWNS and nearest.chi2 > self.apparatus.case.target:
             first, replicates = nearest, np.zeros((len(nearest.residuals), 1))
-            for s in score(first, searcher, replicates).scores[:_REFITTED]:
+            for s in score(first, replicates).scores[:_REFITTED]:
                 nearest = _nearer(nearest, searcher, first, s.candidate, first, s.likely)
         return nearest.chi2
 

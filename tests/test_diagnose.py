@@ -161,11 +161,11 @@ def test_replicates_look_like_what_a_right_model_leaves(plain):
     rng = np.random.default_rng(1)
     replicates = fitted.replicates(300, rng, (False,))
     assert np.allclose(fitted.absorbed.T @ replicates, 0.0, atol=1e-9)
-    located, scored = locate(fitted, replicates), score(fitted, searcher, replicates)
+    located, scored = locate(fitted, replicates), score(fitted, replicates)
     again = fitted.replicates(300, rng, (False,))
     other = locate(fitted, again).replicas
     assert np.mean(other > np.quantile(located.replicas, 0.95)) == pytest.approx(0.05, abs=0.04)
-    chance = np.array([family_p(s, scored.replicas) for s in score(fitted, searcher, again).replicas])
+    chance = np.array([family_p(s, scored.replicas) for s in score(fitted, again).replicas])
     assert np.mean(chance < 0.05) == pytest.approx(0.05, abs=0.04)
 
 

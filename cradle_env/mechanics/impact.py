@@ -57,7 +57,7 @@ _A = np.array(
 )
 _E = np.array([71 / 57600, 0, -71 / 16695, 71 / 1920, -17253 / 339200, 22 / 525, -1 / 40])
 
-# Error per step of the chain's velocities [m/s], and the range of what that is relative to the blow.
+# Error per step of the chain's velocities [m/s], and the range of what that is relative to the largest.
 _CHAIN_ERROR, _FINEST, _COARSEST = 1e-12, 1e-11, 1e-7
 # A contact followed in time may come to rest when its bounce, at this acceleration [m/s^2], would be least.
 _LEAST_PRESS = 1e-3
@@ -110,9 +110,10 @@ def chain(cradle, bobs, table, S, W, lo, hi):
     """Multi-body Kuwabara-Kono impact of the touching bobs lo..hi-1, geometry frozen; changes their START.
 
     All contacts start at zero overlap. Sets W[p, LOSS] [J] to what each contact took (minus the work of its force).
+    What parts counts for the scale of speeds too: a touch of rounding's size beside it is no blow.
     """
     set_normals(cradle, bobs, lo, hi, S[lo, T0], S, START, W)
-    blow, m = 0.0, 0.0
+    struck, scale, m = False, 0.0, 0.0
     for p in range(lo, hi - 1):
         nx, nz = W[p, N_X], W[p, N_Z]
         W[p, CHAIN_D] = yielding(cradle, bobs, p, S, START, nx, nz)
@@ -122,19 +123,20 @@ def chain(cradle, bobs, table, S, W, lo, hi):
             W[p - 1, CHAIN_U] = off
         approach = 0.0 - pair(cradle, bobs, p, S[p, T0], S, START)[3]
         W[p, CHAIN], W[p, CHAIN + 1], W[p, CHAIN + 2], W[p, CHAIN + 3] = 0.0, approach, 0.0, 0.0
-        if approach > blow:
-            blow, m = approach, 1.0 / W[p, CHAIN_D]
-    if blow == 0.0:
+        struck = struck or approach > 0.0
+        if abs(approach) > scale:
+            scale, m = abs(approach), 1.0 / W[p, CHAIN_D]
+    if not struck:
         return
     for p in range(lo, hi - 1):
         W[p, CHAIN_D] *= m
         W[p, CHAIN_U] *= m
-        W[p, CHAIN + 1] /= blow
-    tolerance = min(max(_CHAIN_ERROR / blow, _FINEST), _COARSEST)
-    _resolve(equivalent_dissipation(cradle, table, m, blow), tolerance, lo, hi, W)
+        W[p, CHAIN + 1] /= scale
+    tolerance = min(max(_CHAIN_ERROR / scale, _FINEST), _COARSEST)
+    _resolve(equivalent_dissipation(cradle, table, m, scale), tolerance, lo, hi, W)
     for p in range(lo, hi - 1):
-        W[p, SOLUTION] = W[p, CHAIN + 2] * m * blow
-        W[p, LOSS] = W[p, CHAIN + 3] * m * blow * blow
+        W[p, SOLUTION] = W[p, CHAIN + 2] * m * scale
+        W[p, LOSS] = W[p, CHAIN + 3] * m * scale * scale
     apply_chain(cradle, bobs, lo, hi, S, START, W, S, START, VELOCITIES)
 
 

@@ -48,8 +48,9 @@ def predict(cradle, bobs, S, p):
     elif g0 <= 0.0:
         opened = turning_point(cradle, bobs, S, p, low, high, -1.0)
         if gap_between(cradle, bobs, S, p, opened)[0] <= 0.0:
-            # In touch without parting or approaching: until the overlap, below rounding at first, has doubled.
-            return closing(cradle, bobs, S, p, low, high, CONTACT) if g1 < -CONTACT else math.inf
+            # In touch without parting or approaching: until the overlap, of rounding's size at first, has doubled.
+            depth = max(CONTACT, -2.0 * g0)
+            return closing(cradle, bobs, S, p, low, high, depth) if g1 < -depth else math.inf
         low = opened
     return closing(cradle, bobs, S, p, low, high, 0.0)
 

@@ -16,6 +16,7 @@ from identification.diagnose.intervals import Interval, intervals
 from identification.diagnose.law import Law
 from identification.diagnose.law_shape import Shape, terms_of
 from identification.diagnose.repair import Repaired
+from identification.diagnose.unseen import Unseen, unseen
 from identification.experiment import Experiment
 from identification.toml_file import toml_key, toml_text
 from identification.unknowns import element_of
@@ -99,6 +100,12 @@ class Diagnosis:
         """The repaired model."""
         return self.final.cradle
 
+    @functools.cached_property
+    def unseen(self) -> tuple[Unseen, ...]:
+        """What else these data may hide; nothing can be said where the model does not describe them."""
+        last = self.repaired.last
+        return () if last.significant else unseen(last.fitted, last.scored.scores)
+
     def model_toml(self) -> str:
         """The repaired model as a [model] table with its parameters, and, as comments, the cradle's own."""
         cradle = self.model
@@ -140,6 +147,7 @@ class Diagnosis:
                 "described": described(last.located.where) if last.significant else "",
                 "law": self._law(),
             },
+            "unseen": [one.content() for one in self.unseen],
             "removed": list(self.repaired.removed),
             "candidates": self._candidates(),
             "parameters": {

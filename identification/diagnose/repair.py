@@ -75,10 +75,10 @@ class Repaired:
     law: Law | None
 
 
-def examine(fitted: Fitted, searcher: Searcher, seed: int, estimated: tuple[bool, ...]) -> Examined:
+def examine(fitted: Fitted, seed: int, estimated: tuple[bool, ...]) -> Examined:
     """Locates and scores, against the same replicates; p of the lesser of the two p, by the replicates again."""
     replicates = fitted.replicates(REPLICATES, np.random.default_rng(seed), estimated)
-    located, scored = locate(fitted, replicates), score(fitted, searcher, replicates)
+    located, scored = locate(fitted, replicates), score(fitted, replicates)
     families = ((located.largest, located.replicas), (scored.largest, scored.replicas))
     of_data = min(share(replicas, largest) for largest, replicas in families)
     ranks = [1.0 - np.argsort(np.argsort(replicas)) / len(replicas) for _, replicas in families]
@@ -88,11 +88,11 @@ def examine(fitted: Fitted, searcher: Searcher, seed: int, estimated: tuple[bool
 
 def examine_settled(fitted: Fitted, searcher: Searcher, seed: int, estimated: tuple[bool, ...]) -> Examined:
     """Examines a model; where it leaves more than noise, first makes sure that no better mode of it explains that."""
-    found = examine(fitted, searcher, seed, estimated)
+    found = examine(fitted, seed, estimated)
     if not found.significant:
         return found
     better = searcher.settled(fitted)
-    return examine(better, searcher, seed, estimated) if better.chi2 < fitted.chi2 - fitted.unit else found
+    return examine(better, seed, estimated) if better.chi2 < fitted.chi2 - fitted.unit else found
 
 
 def repair(
@@ -112,7 +112,7 @@ def repair(
             break
         better = searcher.beside(now.fitted, decision.chosen.fitted)
         if now.fitted.chi2 - better.chi2 > _MODE * decision.chosen.gain:  # the model may lack less than it seemed
-            examined[-1] = examine(better, searcher, seed, estimated)
+            examined[-1] = examine(better, seed, estimated)
             continue
         decisions.append(decision)
         steps += _steps(now.fitted, decision, searcher)
@@ -220,7 +220,7 @@ def _without_the_needless(
         inflation, effective = coloured(last.fitted)
         fewer = len(last.fitted.point) - len(fit.point)
         if (fit.chi2 - last.fitted.chi2) / inflation < fewer * np.log(effective):
-            last = examine(fit, searcher, seed, estimated)
+            last = examine(fit, seed, estimated)
             kept.remove(step)
             removed.append(step.effect)
     return last, kept, removed

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import math
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -67,6 +68,7 @@ def html(diagnosis: Diagnosis, content: Mapping[str, Any]) -> str:
         model_toml=diagnosis.model_toml(),
         number=number,
         law=_law(content["remainder"]["law"]),
+        unseen=_unseen(diagnosis),
     )  # fmt: skip
 
 
@@ -84,10 +86,31 @@ def _law(law: Mapping[str, Any] | None) -> dict[str, Any] | None:
     return {**law, **gaps, "terms": terms, "energy": _energy(law["energy_taken"]["value"])}
 
 
+def _unseen(diagnosis: Diagnosis) -> dict[str, Any]:
+    """What the data may hide, as far as it matters: symbols of the unknowns, and rows of the effects."""
+    symbols = {u.name: markup(u.symbol) for u in diagnosis.final.likelihood.unknowns}
+    rows = []
+    for one in diagnosis.unseen:
+        if max(map(abs, one.moves.values()), default=0.0) >= _MATTERS:
+            least = math.isinf(one.parameter.absent)
+            rounding = Rounding.of(one.limit, 0.1 * abs(one.limit))
+            rows.append({
+                "name": one.effect + (", all alike" if one.alike else ""), "symbol": markup(one.parameter.symbol),
+                "sign": "≥" if least else "≤", "limit": rounding.text(abs(one.limit)),
+                "unit": unit_markup(one.parameter.unit, rounding.exponent),
+                "moves": [f"{move:+.1f}" if abs(move) < _MANY else f"{'−' if move < 0 else '+'}{_MANY:.0f} or more"
+                          for move in one.moves.values()],
+            })  # fmt: skip
+    names = [symbols[name] for name in (diagnosis.unseen[0].moves if diagnosis.unseen else ())]
+    return {"symbols": names, "rows": rows}
+
+
 def _energy(taken: float) -> str:
     return f"{'take' if taken >= 0.0 else 'give'} {1e3 * abs(taken):.3g} mJ"
 
 
+#: From how many standard deviations on it matters how far an unknown would be off, and from where on only that.
+_MATTERS, _MANY = 1.0, 100.0
 _GAPS = ("gap_before", "gap_after", "train_before", "train_after")
 
 

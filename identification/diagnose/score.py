@@ -30,7 +30,8 @@ from identification.diagnose.candidates import (
 )
 from identification.diagnose.fitted import Fitted, span
 from identification.diagnose.locate import log_tail
-from identification.diagnose.search import Searcher, flat, placed
+from identification.diagnose.search import flat, placed
+from identification.likelihood import Likelihood
 from identification.unknowns import balanced
 
 #: First strength of the finite differences, in scales; then one that moves readings by this share of the noise;
@@ -41,10 +42,20 @@ PARALLEL = 0.98
 
 
 @dataclass(frozen=True, eq=False)
+class Sensed:
+    """A shape of a candidate, and the change S of the residuals per strength [scales], (R + P, k); values(s): the
+    candidate's with strengths s (k,), within bounds."""
+
+    values: Callable[[np.ndarray], Values]
+    S: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
 class Score:
     """One candidate's: the χ² that it would save, degrees of freedom, whether its strength has one sign, surprise
     (−log10 p of this candidate alone), p among all candidates, those it is parallel to, and directions: for each
-    shape an orthonormal basis (R + P, k); likely: for each shape, its values where the χ² would be least."""
+    shape an orthonormal basis (R + P, k); likely: for each shape, its values where the χ² would be least; sensed: all
+    shapes, seen or not."""
 
     candidate: Candidate
     gain: float
@@ -55,15 +66,7 @@ class Score:
     parallel: tuple[Candidate, ...]
     directions: tuple[np.ndarray, ...]
     likely: tuple[Values, ...]
-
-
-@dataclass(frozen=True, eq=False)
-class Sensed:
-    """A shape of a candidate, and the change S of the residuals per strength, (R + P, k); values(s): the candidate's
-    with strengths s (k,), within bounds."""
-
-    values: Callable[[np.ndarray], Values]
-    S: np.ndarray
+    sensed: tuple[Sensed, ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,11 +79,11 @@ class Scored:
     replicas: np.ndarray
 
 
-def score(fitted: Fitted, searcher: Searcher, replicates: np.ndarray) -> Scored:
+def score(fitted: Fitted, replicates: np.ndarray) -> Scored:
     """Scores every candidate; replicates: (R + P, M), see `Fitted.replicates`."""
     found = []
     several = candidates(fitted.cradle)
-    all_sensed = in_threads(lambda candidate: sensitivities(fitted, searcher, candidate), several, 1)
+    all_sensed = in_threads(lambda candidate: sensitivities(fitted, candidate), several, 1)
     replicas = np.zeros(replicates.shape[1])
     for candidate, shapes_of in zip(several, all_sensed, strict=True):
         directions, likely = [], []
@@ -99,7 +102,7 @@ def score(fitted: Fitted, searcher: Searcher, replicates: np.ndarray) -> Scored:
             chance = np.maximum(chance, _gain(basis, replicates, single))
         replicas = np.maximum(replicas, surprise_of(chance, degrees, sided))
         own = float(surprise_of(np.array(best), degrees, sided))
-        found.append((candidate, best, degrees, sided, own, tuple(likely), tuple(directions)))
+        found.append((candidate, best, degrees, sided, own, tuple(likely), tuple(shapes_of), tuple(directions)))
     scores = [
         Score(
             candidate,
@@ -111,8 +114,9 @@ def score(fitted: Fitted, searcher: Searcher, replicates: np.ndarray) -> Scored:
             _parallel(candidate, found),
             directions,
             likely,
+            sensed,
         )
-        for candidate, gain, degrees, sided, own, likely, directions in found
+        for candidate, gain, degrees, sided, own, likely, sensed, directions in found
     ]
     scores.sort(key=lambda s: -s.surprise)
     largest = scores[0].surprise if scores else 0.0
@@ -168,7 +172,7 @@ def _parallel(candidate: Candidate, found: list[tuple]) -> tuple[Candidate, ...]
     return tuple(several)
 
 
-def sensitivities(fitted: Fitted, searcher: Searcher, candidate: Candidate) -> list[Sensed]:
+def sensitivities(fitted: Fitted, candidate: Candidate) -> list[Sensed]:
     """Each shape of a candidate with what its strengths change; none where impossible.
 
     An effect without parameters, or one that brings others along, is not small: it is judged by its refit alone.
@@ -183,7 +187,7 @@ def sensitivities(fitted: Fitted, searcher: Searcher, candidate: Candidate) -> l
     ]  # fmt: skip
     found = []
     for shape in shapes(declared, bobs):
-        columns = [_column(fitted, searcher, candidate, shape, *element) for element in elements]
+        columns = [_column(fitted, candidate, shape, *element) for element in elements]
         seen = [(element, column) for element, column in zip(elements, columns, strict=True) if column is not None]
         if seen:
             values = functools.partial(_strong, declared, bobs, shape, [element for element, _ in seen])
@@ -205,25 +209,31 @@ def _strong(declared: Effect, bobs: int, shape: Values, elements: Sequence, fact
     return balanced(declared.name, values)
 
 
-def _column(fitted: Fitted, searcher: Searcher, candidate: Candidate, shape: dict, parameter, element: int | None):
+def change(fitted: Fitted, candidate: Candidate, values: Values) -> np.ndarray:
+    """Change of the residuals by a candidate with these values, (R + P,), all else as fitted."""
+    name = candidate.declaration.name
+    model = with_effects(fitted.experiment, {name: values}, candidate.unknown)
+    likelihood = Likelihood(model, fitted.likelihood.rows, 1)
+    stated = likelihood.values(likelihood.start())
+    point = placed(likelihood, {**stated, **fitted.values, **flat(name, values)})
+    moved = likelihood.residuals(point)[: fitted.count] - fitted.residuals[: fitted.count]
+    return np.concatenate([moved, np.zeros(len(fitted.residuals) - fitted.count)])
+
+
+def _column(fitted: Fitted, candidate: Candidate, shape: dict, parameter, element: int | None):
     """d residuals / d strength of one value of a parameter, (R + P,), by a step that the noise would just show."""
     declared, bobs = candidate.declaration, fitted.cradle.bobs
     step, found = _STEP, None
     for _ in range(_TRIES):
         values = _strong(declared, bobs, shape, [(parameter, element)], np.array([step]))
         try:
-            likelihood = searcher.likelihood(
-                with_effects(fitted.experiment, {declared.name: values}, candidate.unknown)
-            )
-            stated = likelihood.values(likelihood.start())
-            point = placed(likelihood, {**stated, **fitted.values, **flat(declared.name, values)})
-            moved = likelihood.residuals(point)[: fitted.count] - fitted.residuals[: fitted.count]
+            moved = change(fitted, candidate, values)
         except (SimulationError, ValueError):
             break
-        size = float(np.sqrt(np.mean(moved**2)))
+        size = float(np.sqrt(np.mean(moved[: fitted.count] ** 2)))
         if size == 0.0 or not np.isfinite(size):
             break
-        found = np.concatenate([moved / step, np.zeros(len(fitted.residuals) - fitted.count)])
+        found = moved / step
         if _MOVED / 3.0 < size < 3.0 * _MOVED:
             break
         step *= math.sqrt(_MOVED / size) if size < _MOVED else _MOVED / size  # a blur grows as its square

@@ -1,0 +1,66 @@
+"""What data may hide, held against data of the soft-contact reference in which it is hidden."""
+
+import math
+
+import pytest
+
+from identification import Experiment, diagnose
+from identification.diagnose.candidates import with_effects
+from identification.diagnose.fitted import with_known_noise
+from identification.diagnose.repair import examine
+from identification.diagnose.search import Searcher, Store
+from identification.diagnose.unseen import unseen
+from tests.independent.laboratory import record, write_experiment
+from tests.independent.soft_contact import SoftCradle
+
+B = 0.002
+
+
+def examined(folder, hidden: dict, seed: int = 3):
+    """Two bobs, 20 s of them fitted: the base model and what its data show."""
+    cradle = SoftCradle(2, stiffness_factor=1e6, effects=hidden, kappa=190.0, k_f=18000.0, b=B)
+    recording = record(cradle, {2: 0.2}, duration=30.0, seed=seed, noise=1e-3)
+    searcher = Searcher(Store(None, ""), 0, None)
+    path = write_experiment(folder, [recording], stated={"kappa": 187.0, "b": 0.0023})
+    return examine(searcher.globally(with_known_noise(Experiment.load(path))), 0, (False,))
+
+
+@pytest.fixture(scope="module")
+def plain(tmp_path_factory):
+    return examined(tmp_path_factory.mktemp("plain"), {})
+
+
+@pytest.mark.parametrize("name", ["pivot_friction", "quadratic_drag"])
+def test_what_is_as_strong_as_data_may_hide_moves_b_as_told(plain, name, tmp_path):
+    """Hidden at its limit, an effect bends b by the number told, to the noise of the fit (3 sd) and to second order
+    (b moves by a sixth: a third of the number at most); b is far off, and the data do not show it beyond chance."""
+    limits = {one.effect: one for one in unseen(plain.fitted, plain.scored.scores)}
+    told = limits[name]
+    assert told.moves["b"] < -10.0
+    bent = examined(tmp_path, {name: {told.parameter.key: told.limit}}, seed=4)
+    place = bent.fitted.likelihood.names.index("b")
+    sd = math.sqrt(bent.fitted.covariance()[place, place])
+    off = (bent.fitted.point[place] - math.log(B)) / sd
+    assert off == pytest.approx(-told.moves["b"], abs=3.0 + 0.33 * abs(told.moves["b"]))
+    gain = next(s.gain for s in bent.scored.scores if s.candidate.name == name)
+    assert gain < 16.0  # at its limit it gains 2.7, by chance up to (1.6 + 2.4)²
+
+
+@pytest.mark.parametrize("name", ["quadratic_drag", "exposure_blur", "spacer_offset"])
+def test_limits_are_those_of_fits(plain, name):
+    """Held at its limit, and everything fitted again, an effect leaves more χ² than at its best: 1.645² = 2.7 from a
+    best above zero, 1.96² = 3.8 from zero or to both sides, 3.96² − 2² = 11.7 where the data alone would have it two
+    standard deviations on the impossible side."""
+    own = next(s for s in plain.scored.scores if s.candidate.name == name and s.sensed[0].S.shape[1] == 1)
+    (told,) = unseen(plain.fitted, [own])
+    searcher = Searcher(Store(None, ""), 0, None)
+    free = searcher.adding(plain.fitted, own.candidate)
+    held = with_effects(plain.fitted.experiment, {name: {told.parameter.key: told.limit}}, ())
+    assert 1.9 < searcher.nearby(held, plain.fitted.values).chi2 - free.chi2 < 12.0
+
+
+def test_nothing_is_said_of_data_that_the_model_does_not_describe(tmp_path):
+    cradle = SoftCradle(1, stiffness_factor=1e6, effects={"smooth_friction": {"tau_c": 1e-3}}, kappa=190.0, b=B)
+    recording = record(cradle, {1: 0.3}, duration=24.0, seed=3, noise=3e-4)
+    found = diagnose(Experiment.load(write_experiment(tmp_path, [recording], stated={"b": 0.0023})))
+    assert found.verdict == "unknown" and found.unseen == () and found.content()["unseen"] == []
