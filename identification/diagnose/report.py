@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from cradle_env.effects import effect
+from identification.diagnose.candidates import one_sided
 from identification.diagnose.diagnosis import Diagnosis
 from identification.diagnose.pictures import (
     candidates_figure,
@@ -93,9 +94,10 @@ def _unseen(diagnosis: Diagnosis) -> dict[str, Any]:
     for one in diagnosis.unseen:
         if max(map(abs, one.moves.values()), default=0.0) >= _MATTERS:
             least = math.isinf(one.parameter.absent)
+            bar = "" if one_sided(one.parameter) else "|"
             rounding = Rounding.of(one.limit, 0.1 * abs(one.limit))
             rows.append({
-                "name": one.effect + (", all alike" if one.alike else ""), "symbol": markup(one.parameter.symbol),
+                "name": one.effect + (", all alike" if one.alike else ""), "symbol": f"{bar}{markup(one.parameter.symbol)}{bar}",
                 "sign": "≥" if least else "≤", "limit": rounding.text(abs(one.limit)),
                 "unit": unit_markup(one.parameter.unit, rounding.exponent),
                 "moves": [f"{move:+.1f}" if abs(move) < _MANY else f"{'−' if move < 0 else '+'}{_MANY:.0f} or more"
