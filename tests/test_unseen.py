@@ -64,3 +64,14 @@ def test_nothing_is_said_of_data_that_the_model_does_not_describe(tmp_path):
     recording = record(cradle, {1: 0.3}, duration=24.0, seed=3, noise=3e-4)
     found = diagnose(Experiment.load(write_experiment(tmp_path, [recording], stated={"b": 0.0023})))
     assert found.verdict == "unknown" and found.unseen == () and found.content()["unseen"] == []
+
+
+def test_of_what_they_do_not_see_data_say_nothing(tmp_path):
+    """One bob alone: no neighbour can attract it or change its drag; what bends its readings has a limit."""
+    cradle = SoftCradle(1, stiffness_factor=1e6, kappa=190.0, b=B)
+    recording = record(cradle, {1: 0.3}, duration=24.0, seed=3, noise=1e-3)
+    experiment = with_known_noise(Experiment.load(write_experiment(tmp_path, [recording])))
+    found = examine(Searcher(Store(None, ""), 0, None).globally(experiment), 0, (False,))
+    limits = {one.effect: one.limit for one in unseen(found.fitted, found.scored.scores)}
+    assert limits["group_drag"] is None and limits["bob_attraction"] is None
+    assert all(0.0 < abs(limits[name]) < math.inf for name in ("quadratic_drag", "pivot_friction", "exposure_blur"))

@@ -90,21 +90,23 @@ def _law(law: Mapping[str, Any] | None) -> dict[str, Any] | None:
 def _unseen(diagnosis: Diagnosis) -> dict[str, Any]:
     """What the data may hide, as far as it matters: symbols of the unknowns, and rows of the effects."""
     symbols = {u.name: markup(u.symbol) for u in diagnosis.final.likelihood.unknowns}
-    rows = []
+    names, rows = next((list(one.moves) for one in diagnosis.unseen if one.moves), []), []
     for one in diagnosis.unseen:
-        if max(map(abs, one.moves.values()), default=0.0) >= _MATTERS:
+        name = one.effect + (", all alike" if one.alike else "")
+        if one.limit is None:
+            rows.append({"name": name, "limit": None, "moves": ["–" for _ in names]})
+        elif max(map(abs, one.moves.values())) >= _MATTERS:
             least = math.isinf(one.parameter.absent)
             bar = "" if one_sided(one.parameter) else "|"
             rounding = Rounding.of(one.limit, 0.1 * abs(one.limit))
             rows.append({
-                "name": one.effect + (", all alike" if one.alike else ""), "symbol": f"{bar}{markup(one.parameter.symbol)}{bar}",
+                "name": name, "symbol": f"{bar}{markup(one.parameter.symbol)}{bar}",
                 "sign": "≥" if least else "≤", "limit": rounding.text(abs(one.limit)),
                 "unit": unit_markup(one.parameter.unit, rounding.exponent),
                 "moves": [f"{move:+.1f}" if abs(move) < _MANY else f"{'−' if move < 0 else '+'}{_MANY:.0f} or more"
                           for move in one.moves.values()],
             })  # fmt: skip
-    names = [symbols[name] for name in (diagnosis.unseen[0].moves if diagnosis.unseen else ())]
-    return {"symbols": names, "rows": rows}
+    return {"symbols": [symbols[name] for name in names], "rows": rows}
 
 
 def _energy(taken: float) -> str:

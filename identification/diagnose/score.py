@@ -37,6 +37,8 @@ from identification.unknowns import balanced
 #: First strength of the finite differences, in scales; then one that moves readings by this share of the noise;
 #: and how often it is sought.
 _STEP, _MOVED, _TRIES = 1e-2, 0.3, 8
+#: What keeps less than this share of a sensitivity after projection cannot be seen at all.
+LEAST_SEEN = 1e-4
 #: Candidates whose sensitivities after projection are this parallel cannot be told apart to first order.
 PARALLEL = 0.98
 
@@ -152,7 +154,7 @@ def _seen(fitted: Fitted, S: np.ndarray) -> np.ndarray | None:
     lengths = np.linalg.norm(S, axis=0)
     S = S[:, lengths > 0.0] / lengths[lengths > 0.0]
     left = fitted.project(S)
-    kept = np.linalg.norm(left, axis=0) > 1e-4
+    kept = np.linalg.norm(left, axis=0) > LEAST_SEEN
     if not kept.any():
         return None
     if kept.sum() == 1:

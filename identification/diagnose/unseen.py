@@ -19,7 +19,7 @@ from cradle_env.simulation import SimulationError
 from identification.diagnose.candidates import Candidate, is_strength, strength
 from identification.diagnose.decide import coloured
 from identification.diagnose.fitted import Fitted
-from identification.diagnose.score import Score, Sensed, change
+from identification.diagnose.score import LEAST_SEEN, Score, Sensed, change
 
 #: Probability that the true strength is below its limit; rounds in which that is found.
 _SURE, _ROUNDS = 0.95, 4
@@ -28,12 +28,13 @@ _SURE, _ROUNDS = 0.95, 4
 @dataclass(frozen=True)
 class Unseen:
     """An effect that data may hide: the parameter that is its strength, 95 % limit on that (a least value where the
-    effect is absent at infinity), and by how many of their standard deviations the unknowns would move there."""
+    effect is absent at infinity; None where the data see nothing of it), and by how many of their standard deviations
+    the unknowns would move there."""
 
     effect: str
     alike: bool
     parameter: Parameter
-    limit: float
+    limit: float | None
     moves: dict[str, float]
 
     def content(self) -> dict[str, object]:
@@ -60,22 +61,29 @@ def unseen(fitted: Fitted, scores: Sequence[Score]) -> tuple[Unseen, ...]:
         if len(strengths) != 1 or not single:
             continue
         limits = [_limit(fitted, own.candidate, sensed, strengths[0], inflation) for sensed in single]
-        moved = [
-            -(np.linalg.lstsq(fitted.jacobian / lengths, column)[0] / lengths / deviations)[places]
-            for _, column in limits
-        ]
-        worst = max(range(len(single)), key=lambda i: np.abs(moved[i]).max(initial=0.0))
-        found.append(Unseen(
-            own.candidate.name, own.candidate.alike, strengths[0], strength(strengths[0], limits[worst][0]),
-            dict(zip(names, map(float, moved[worst]), strict=True)),
-        ))  # fmt: skip
-    return tuple(sorted(found, key=lambda one: -max(map(abs, one.moves.values()), default=0.0)))
+        if None in limits:
+            found.append(Unseen(own.candidate.name, own.candidate.alike, strengths[0], None, {}))
+            continue
+        several = []
+        for limit, column in filter(None, limits):
+            moved = -(np.linalg.lstsq(fitted.jacobian / lengths, column)[0] / lengths / deviations)[places]
+            moves = dict(zip(names, map(float, moved), strict=True))
+            several.append(
+                Unseen(own.candidate.name, own.candidate.alike, strengths[0], strength(strengths[0], limit), moves)
+            )
+        found.append(max(several, key=_farthest))
+    return tuple(sorted(found, key=_farthest, reverse=True))
+
+
+def _farthest(one: Unseen) -> float:
+    return max(map(abs, one.moves.values()), default=math.inf)
 
 
 def _limit(
     fitted: Fitted, candidate: Candidate, sensed: Sensed, parameter: Parameter, inflation: float
-) -> tuple[float, np.ndarray]:
-    """The strength [scales] that is as far from none as the data allow, and the change of the residuals there."""
+) -> tuple[float, np.ndarray] | None:
+    """The strength [scales] that is as far from none as the data allow, and the change of the residuals there; None
+    where the data do not see the effect, or not within its bounds."""
     if math.isinf(parameter.absent):
         low, high = 0.0, math.inf
     else:
@@ -84,7 +92,9 @@ def _limit(
     S, limit = sensed.S[:, 0], math.nan
     for _ in range(_ROUNDS):  # what grows as a square, such as a blur, is followed by secants to where it ends
         left = fitted.project(S)
-        size = max(float(left @ left), 1e-300)
+        size = float(left @ left)
+        if size <= LEAST_SEEN**2 * float(S @ S) or inflation > size * max(abs(low), high) ** 2:
+            return None
         best, sd = min(max(-float(left @ fitted.residuals) / size, low), high), math.sqrt(inflation / size)
         found = float(max(truncnorm.ppf(tails, (low - best) / sd, (high - best) / sd, best, sd), key=abs))
         limit = found if math.isnan(limit) or found * limit <= 0.0 else math.copysign(math.sqrt(found * limit), found)
