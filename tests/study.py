@@ -14,6 +14,7 @@ import json
 import multiprocessing
 import os
 import shutil
+import subprocess
 import time
 import traceback
 from dataclasses import dataclass
@@ -272,6 +273,12 @@ def strengths_for(apparatus: Apparatus, scratch: Path) -> tuple[list[float], flo
     return found, oracle.delta(found)
 
 
+def _commit() -> str:
+    """The code that a case is judged by."""
+    asked = ["git", "rev-parse", "--short=7", "HEAD"]
+    return subprocess.run(asked, cwd=Path(__file__).parent, capture_output=True, text=True, check=True).stdout.strip()
+
+
 def run(case: Case, folder: Path) -> None:
     """Makes a case and diagnoses it; its row goes to result.json."""
     out = folder / case.name
@@ -284,7 +291,7 @@ def run(case: Case, folder: Path) -> None:
     row = {
         "case": case.name, "held_out": case.held_out, "bobs": apparatus.bobs, "noise": apparatus.noise,
         "rate": apparatus.rate, "target": case.target, "oracle": round(delta, 1), "variant": case.variant,
-        "strengths": strengths,
+        "strengths": strengths, "commit": _commit(),
     }  # fmt: skip
     try:
         row |= judged(path, out / "out", answer)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import sys
+from collections import Counter
 from collections.abc import Callable, Iterable
 from pathlib import Path
 
@@ -122,12 +123,14 @@ def text(rows: list[Row]) -> str:
     """The whole page."""
     held = [row for row in rows if row["held_out"]]
     open_ = [row for row in rows if not row["held_out"]]
+    commits = ", ".join(f"{n} by {commit}" for commit, n in Counter(row["commit"] for row in rows).most_common())
     head = (
         "# How often a diagnosis is right\n\n"
         "Made by `python -m tests.study DIR` and `python -m tests.study_table DIR`: experiments of 45 s, written by\n"
         "the soft-contact reference, each with one thing hidden, two, none, or a force that is in no catalogue.\n"
         "Δχ² is what the best wrong model leaves over the right one. In brackets 95 % intervals.\n"
         "Odd rounds from the third on are held out: nothing was chosen by looking at them.\n"
+        f"Cases by the commit that judged them: {commits}.\n"
     )
     parts = [head]
     for name, some in (("Held out", held), ("Looked at while the procedure was made", open_)):

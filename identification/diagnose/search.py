@@ -65,8 +65,11 @@ class Searcher:
         """The best mode of a model, from anywhere; each attempt draws other starts."""
         likelihood, seed = self.likelihood(experiment), self.seed + attempt
         key = _key("globally", experiment, seed)
-        point = self.store.point(key, lambda: polish(likelihood, find_mode(likelihood, seed, tell).point))
-        return self._better(Fitted(likelihood, point))
+
+        def find() -> np.ndarray:
+            return among_modes(likelihood, polish(likelihood, find_mode(likelihood, seed, tell).point))
+
+        return self._better(Fitted(likelihood, self.store.point(key, find)))
 
     def settled(self, fitted: Fitted) -> Fitted:
         """The best mode of a model again, with more effort: other global searches, then fine steps of κ about the
@@ -92,7 +95,11 @@ class Searcher:
         """The fit moved to all readings that may be fitted, which choose nothing any more."""
         likelihood = Likelihood(fitted.experiment, None, self.workers)
         key = _key("on everything", fitted.experiment, fitted.point.tolist())
-        return Fitted(likelihood, self.store.point(key, lambda: finished(likelihood, fitted.point)))
+
+        def find() -> np.ndarray:
+            return among_modes(likelihood, finished(likelihood, fitted.point))
+
+        return Fitted(likelihood, self.store.point(key, find))
 
     def adding(
         self, fitted: Fitted, candidate: Candidate, likely: Sequence[Values] = (), enough: float = math.inf
@@ -192,6 +199,13 @@ def best_of(
 def finished(likelihood: Likelihood, point: np.ndarray) -> np.ndarray:
     """The mode near a point, (D,)."""
     return polish(likelihood, refine(likelihood, point, _LAST)[0])
+
+
+def among_modes(likelihood: Likelihood, point: np.ndarray) -> np.ndarray:
+    """The best of the modes in κ about a point, (D,); with three bobs and more a fit may end in any of them, each far
+    narrower than they lie apart."""
+    rugged = likelihood.experiment.cradle.bobs > 2 and "kappa" in likelihood.names
+    return polish(likelihood, climb(likelihood, point)) if rugged else point
 
 
 def climb(likelihood: Likelihood, point: np.ndarray) -> np.ndarray:
