@@ -23,7 +23,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import cradle_env
-from cradle_env import SimulationError
 from cradle_env.effects import Effect, Parameter, register
 from cradle_env.env import NewtonCradleEnv
 from cradle_env.mechanics import parameters as p
@@ -945,8 +944,8 @@ def test_what_is_no_posterior_is_refused(tmp_path: Path) -> None:
             NewtonCradleEnv().reset(options={"posterior": path})
 
 
-def test_bobs_that_bounce_without_end_are_an_error_and_no_hang() -> None:
-    """Bobs seven times as large as their pendulums are long, dragged to a halt against each other."""
+def test_bobs_dragged_to_a_halt_against_each_other_do_not_hang() -> None:
+    """Bobs seven times as large as their pendulums are long: touches without end once stopped this after 0.4 s."""
     env = NewtonCradleEnv(
         bobs=6, model="pendulum", start="hanging", delta=-0.006216, delta_range=(-0.008354, 0.005242), radius=0.1351,
         release_angle=2.8354, release_angle_range=(2.6889, 2.8824), spacer_speed=0.0036525, control_interval=0.1,
@@ -955,9 +954,9 @@ def test_bobs_that_bounce_without_end_are_an_error_and_no_hang() -> None:
     )  # fmt: skip
     env.reset(seed=0)
     rng = np.random.default_rng(0)
-    with pytest.raises(SimulationError, match=r"stopped after 0\.4 s: more impacts at one instant"):
-        for _ in range(40):
-            env.step(rng.uniform(-1, 1, 2))
+    for _ in range(40):
+        observation = env.step(rng.uniform(-1, 1, 2))[0]
+    assert np.all(np.isfinite(observation["theta"] if isinstance(observation, dict) else observation))
 
 
 @pytest.mark.parametrize("action", [-0.5, 0.0, 0.5])

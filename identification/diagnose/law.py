@@ -29,14 +29,13 @@ from identification.diagnose.search import Searcher, placed
 from identification.diagnose.terms import Linear, Scales, Term, extended, library
 from identification.experiment import Experiment
 from identification.fit import Progress, cost, refine, training_rows
-from identification.likelihood import rms
 from identification.rough import polish
 
 #: Terms at most; shares of their coefficients at which refits may start, and evaluations of these.
 _MOST, _PARTS, _EVALUATIONS = 10, (1.0, 0.5, 0.2, 0.05), 20
-#: How often more terms are sought in what a law leaves of the free run; the share of the readings' RMS that a free run
-#: leaves at most where it is in step with the data, so that terms may be chosen there at once.
-_ROUNDS, _IN_STEP = 3, 0.1
+#: How often more terms are sought in what a law leaves of the free run; the gap up to which a free run is in step with
+#: the data, so that terms may be chosen there at once.
+_ROUNDS, _SMALL = 3, 3.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,7 +67,7 @@ def learn(fitted: Fitted, searcher: Searcher, tell: Progress) -> Law | None:
     tell("law", 0.4, "which terms")
     part = inner(fitted.experiment)
     none = Law(fitted, fitted, (), *[_free(fitted, searcher, part, scales, (), {}).held_out_gap()] * 2)
-    views = [linear, *(_free_views(none, scales) if _in_step(fitted) else ())]
+    views = [linear, *(_free_views(none, scales) if fitted.training_gap() <= _SMALL else ())]
     laws = [(_first(none, searcher, part, scales, view, choices(view)), scales) for view in views]
     tell("law", 0.6, "forces in time")
     if (timed := with_time(linear, scales, chosen(linear))) is not None:
@@ -84,22 +83,12 @@ def learn(fitted: Fitted, searcher: Searcher, tell: Progress) -> Law | None:
     law, scales = found
     for i in range(_ROUNDS):
         tell("law", 0.8 + 0.05 * i, "what the law leaves")
-        wider = [_first(law, searcher, part, scales, view, choices(view)) for view in _free_views(law, scales)]
+        wider = [_first(law, searcher, part, scales, view, choices(view)[:1]) for view in _free_views(law, scales)]
         further = _best([(one, scales) for one in wider if one is not None])
         if further is None:
             break
         law = further[0]
     return law
-
-
-def _in_step(fitted: Fitted) -> bool:
-    """Whether a free run stays in step with the data, so that what it leaves is linear in what it lacks."""
-    swings, runs = [], fitted.experiment.runs
-    for run, rows, noise in zip(runs, fitted.likelihood.rows, fitted.likelihood.noise, strict=True):
-        if rows.any():
-            readings = run.readings[rows]
-            swings.append(((readings - np.nanmean(readings, axis=0)) / noise).ravel())
-    return fitted.training_gap() < _IN_STEP * rms(np.concatenate(swings))
 
 
 def _free_views(law: Law, scales: Scales) -> list[Linear]:
@@ -188,12 +177,14 @@ def _free(
 
     def find() -> np.ndarray:
         # All that a linear model found at once may throw a long run out of step, where part of it does not.
+        several = _PARTS if likelihood.experiment.cradle.bobs > 1 else _PARTS[:1]
         starts = [
             placed(likelihood, {**fitted.values, **values, **{term.name: part * values[term.name] for term in new}})
-            for part in _PARTS
+            for part in several
         ]
         costs = in_threads(lambda z: cost(likelihood, z), starts, likelihood.workers)
-        return polish(likelihood, refine(likelihood, starts[int(np.argmin(costs))], _EVALUATIONS)[0])
+        point = refine(likelihood, starts[int(np.argmin(costs))], _EVALUATIONS)[0]
+        return polish(likelihood, point) if len(several) > 1 else point  # one bob's misfit is smooth
 
     return Fitted(likelihood, searcher.store.point(key, find))
 
