@@ -27,11 +27,12 @@ _DAMPINGS, _LENGTHS, _ROUNDS, _GAIN = (0.0, 1e-2, 1e-1), (1.0, 0.5, 0.2), 8, 0.5
 _STRIDES = (3.0, 10.0, 30.0)
 
 
-def broad_jacobian(likelihood: Likelihood, point: np.ndarray, widths: np.ndarray | None = None) -> np.ndarray:
+def broad_jacobian(
+    likelihood: Likelihood, point: np.ndarray, residuals: np.ndarray, widths: np.ndarray | None = None
+) -> np.ndarray:
     """Derivatives of the residuals (R, D), by differences to both sides as wide as the readings tell them apart well:
-    first in each unknown alone, then along the principal directions that those show. widths: steps (D,) at which the
-    search for such begins, and where those found are left."""
-    residuals = likelihood.residuals(point)
+    first in each unknown alone, then along the principal directions that those show. residuals: those at the point,
+    (R,); widths: steps (D,) at which the search for such begins, and where those found are left."""
     length, sigma = len(residuals), math.sqrt(unit(float(np.sum(residuals**2)), len(residuals)))
     widths = _WIDEST * steps(likelihood) if widths is None else widths
     first = np.array(in_threads(
@@ -77,17 +78,17 @@ def _between(likelihood: Likelihood, point: np.ndarray, step: np.ndarray, length
 def polish(likelihood: Likelihood, point: np.ndarray, rounds: int = _ROUNDS) -> np.ndarray:
     """Where steps by the broad derivatives lead from a point, on and on while χ² falls; (D,)."""
     widths = _WIDEST * steps(likelihood)
-    least = cost(likelihood, point)
     for _ in range(rounds):
         residuals = likelihood.residuals(point)
+        least = float(np.sum(residuals**2))
         worth = unit(least, len(residuals))
-        J = broad_jacobian(likelihood, point, widths)
+        J = broad_jacobian(likelihood, point, residuals, widths)
         for moves in (_descents(J, residuals), _strides(J, math.sqrt(worth))):
             tried = [np.clip(point + move, *bounds(likelihood)) for move in moves]
             costs = in_threads(lambda z: cost(likelihood, z), tried, likelihood.workers)
             best = int(np.argmin(costs))
             if better := costs[best] < least - _GAIN * worth:
-                point, least = tried[best], costs[best]
+                point = tried[best]
                 break
         if not better:
             break

@@ -46,7 +46,7 @@ def test_polish_follows_a_ridge_over_jumps(likelihood):
 
 def test_the_truth_lies_within_the_errors(likelihood):
     point, truth = placed(likelihood, TRUE), placed(likelihood, TRUE)
-    J = broad_jacobian(likelihood, point)
+    J = broad_jacobian(likelihood, point, likelihood.residuals(point))
     deviations = np.sqrt(np.diag(np.linalg.inv(J.T @ J)))
     reached = polish(likelihood, placed(likelihood, ASTRAY))
     # Narrow derivatives put the truth twenty standard deviations away; 3.5 fails by chance once in 400.
@@ -67,7 +67,9 @@ def test_far_above_the_noise_its_size_is_of_no_matter(tmp_path):
         own = Searcher(Store(None, ""), 0, None).likelihood(dataclasses.replace(experiment, runs=runs))
         ends.append(polish(own, own.start()))
         assert cost(own, ends[-1]) > 10.0 * len(own.residuals(ends[-1]))
-        derivatives.append(broad_jacobian(own, ends[0])[:-1] * noise)  # the last is the prior's of the release
+        derivatives.append(
+            broad_jacobian(own, ends[0], own.residuals(ends[0]))[:-1] * noise
+        )  # the last is the prior's of the release
     np.testing.assert_allclose(ends[0], ends[1], rtol=1e-4)
     # Over widths ten times smaller they differ by 1e-5 of their size and more.
     scale = np.abs(derivatives[0]).max(axis=0)

@@ -93,7 +93,7 @@ class Fitted:
     @functools.cached_property
     def jacobian(self) -> np.ndarray:
         """Derivatives of the residuals with respect to the sampled coordinates, (R + P, D)."""
-        return broad_jacobian(self.likelihood, self.point)
+        return broad_jacobian(self.likelihood, self.point, self.residuals)
 
     @functools.cached_property
     def absorbed(self) -> np.ndarray:

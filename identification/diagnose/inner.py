@@ -4,11 +4,9 @@ it. This extrapolates as the whole does, and never looks at what is held out."""
 from __future__ import annotations
 
 import dataclasses
-import hashlib
-import json
 
 from identification.diagnose.fitted import Fitted
-from identification.diagnose.search import Searcher, finished, placed
+from identification.diagnose.search import Searcher, finished, fit_key, placed
 from identification.experiment import Experiment
 from identification.fit import training_rows
 
@@ -49,7 +47,6 @@ def predictions(without: Fitted, refit: Fitted, searcher: Searcher) -> tuple[flo
 def _fitted_within(fitted: Fitted, searcher: Searcher) -> Fitted:
     """The model fitted to the first two thirds, from where it has its mode."""
     likelihood = searcher.likelihood(inner(fitted.experiment))
-    described = json.dumps(["inner", likelihood.names, fitted.cradle.model, fitted.point.tolist()])
-    key = hashlib.sha256(described.encode()).hexdigest()[:20]
+    key = fit_key("inner", likelihood.experiment, fitted.point.tolist())
     start = placed(likelihood, fitted.values)
     return Fitted(likelihood, searcher.store.point(key, lambda: finished(likelihood, start)))

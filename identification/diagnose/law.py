@@ -10,8 +10,6 @@ better on the rest of it than the model alone. What is held out is never looked 
 from __future__ import annotations
 
 import functools
-import hashlib
-import json
 import math
 from dataclasses import dataclass
 
@@ -25,7 +23,7 @@ from identification.diagnose.decide import ALPHA, colour, coloured, log_evidence
 from identification.diagnose.fitted import Fitted
 from identification.diagnose.in_time import with_time
 from identification.diagnose.inner import EQUAL, inner
-from identification.diagnose.search import Searcher, placed
+from identification.diagnose.search import Searcher, fit_key, placed
 from identification.diagnose.terms import Linear, Scales, Term, extended, library
 from identification.experiment import Experiment
 from identification.fit import Progress, cost, refine, training_rows
@@ -83,7 +81,8 @@ def learn(fitted: Fitted, searcher: Searcher, tell: Progress) -> Law | None:
     law, scales = found
     for i in range(_ROUNDS):
         tell("law", 0.8 + 0.05 * i, "what the law leaves")
-        wider = [_first(law, searcher, part, scales, view, choices(view)[:1]) for view in _free_views(law, scales)]
+        subsets = ((view, chosen(view)) for view in _free_views(law, scales))
+        wider = [_with(law, searcher, part, scales, view, subset) for view, subset in subsets if subset]
         further = _best([(one, scales) for one in wider if one is not None])
         if further is None:
             break
@@ -173,18 +172,20 @@ def _free(
     """The fit as one free run, near the values found in windows, those of new terms or less of them: a free run alone
     would bend terms to its drift."""
     likelihood = searcher.likelihood(extended(experiment, scales, terms))
-    key = _key([term.name for term in terms], scales, fitted.point.tolist(), experiment.digest)
+    key = fit_key("law", experiment, experiment.digest, scales, [term.name for term in terms], fitted.point.tolist())
+
+    rough = experiment.cradle.bobs > 1
 
     def find() -> np.ndarray:
         # All that a linear model found at once may throw a long run out of step, where part of it does not.
-        several = _PARTS if likelihood.experiment.cradle.bobs > 1 else _PARTS[:1]
+        parts = _PARTS if rough else _PARTS[:1]
         starts = [
             placed(likelihood, {**fitted.values, **values, **{term.name: part * values[term.name] for term in new}})
-            for part in several
+            for part in parts
         ]
         costs = in_threads(lambda z: cost(likelihood, z), starts, likelihood.workers)
         point = refine(likelihood, starts[int(np.argmin(costs))], _EVALUATIONS)[0]
-        return polish(likelihood, point) if len(several) > 1 else point  # one bob's misfit is smooth
+        return polish(likelihood, point) if rough else point
 
     return Fitted(likelihood, searcher.store.point(key, find))
 
@@ -210,7 +211,3 @@ def scales_of(fitted: Fitted) -> Scales:
             largest = max(largest, float(np.nanmax(np.abs(run.readings[rows]))) / unit)
     return {"angle": largest, "speed": largest * math.sqrt(fitted.cradle.gravity * fitted.cradle.length),
             "frequency": 1.0 / fitted.cradle.period}  # fmt: skip
-
-
-def _key(*what: object) -> str:
-    return hashlib.sha256(json.dumps(["law", *what]).encode()).hexdigest()[:20]

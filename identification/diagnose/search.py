@@ -26,9 +26,9 @@ _FACTORS = (0.01, 0.1, 1.0, 3.0)
 #: How many starts are followed, by how many evaluations; how many of them to the end, by how many at most; and rounds
 #: over a rough misfit before a model is given up.
 _FOLLOWED, _FIRST, _KEPT, _LAST, _FEW = 3, 5, 2, 40, 2
-#: Global searches for a model that seems to fail; relative steps of κ about the best, how many of them are followed,
-#: and how often.
-_ATTEMPTS, _TRIED, _CLIMBS = 2, 4, 5
+#: Relative steps of κ about the best at which neighbouring modes are looked for, how many of them are followed, and
+#: how often.
+_TRIED, _CLIMBS = 4, 5
 _RUNGS = (0.0003, 0.0007, 0.0015, 0.003, 0.006)
 
 
@@ -64,7 +64,7 @@ class Searcher:
     def globally(self, experiment: Experiment, tell: Progress | None = None, attempt: int = 0) -> Fitted:
         """The best mode of a model, from anywhere; each attempt draws other starts."""
         likelihood, seed = self.likelihood(experiment), self.seed + attempt
-        key = _key("globally", experiment, seed)
+        key = fit_key("globally", experiment, seed)
 
         def find() -> np.ndarray:
             return among_modes(likelihood, polish(likelihood, find_mode(likelihood, seed, tell).point))
@@ -72,29 +72,27 @@ class Searcher:
         return self._better(Fitted(likelihood, self.store.point(key, find)))
 
     def settled(self, fitted: Fitted) -> Fitted:
-        """The best mode of a model again, with more effort: other global searches, then fine steps of κ about the
-        best. With many bobs its modes lie a few 0.1 % apart, each a hundred times narrower."""
-        best = min((self.globally(fitted.experiment, None, i) for i in range(1, _ATTEMPTS)), key=lambda f: f.chi2)
-        if "kappa" not in best.likelihood.names:
-            return best
-        key = _key("settled", best.experiment, best.point.tolist())
-        point = self.store.point(key, lambda: climb(best.likelihood, best.point))
+        """The best mode of a model again, with more effort: another search from anywhere, then the modes about what
+        is best by now, which may come from elsewhere."""
+        best = self.globally(fitted.experiment, attempt=1)
+        key = fit_key("settled", best.experiment, best.point.tolist())
+        point = self.store.point(key, lambda: among_modes(best.likelihood, best.point))
         return self._better(Fitted(best.likelihood, point))
 
     def nearby(self, experiment: Experiment, values: Mapping[str, float]) -> Fitted:
         """The best mode known of a model, or that which is reached from these values of its unknowns."""
-        known = self._best.get(_key("best", experiment))
+        known = self._best.get(fit_key("best", experiment))
         if known is not None:
             return known
         likelihood = self.likelihood(experiment)
-        key = _key("nearby", experiment, sorted(values.items()))
+        key = fit_key("nearby", experiment, sorted(values.items()))
         point = placed(likelihood, values)
         return self._better(Fitted(likelihood, self.store.point(key, lambda: finished(likelihood, point))))
 
     def on_everything(self, fitted: Fitted) -> Fitted:
         """The fit moved to all readings that may be fitted, which choose nothing any more."""
         likelihood = Likelihood(fitted.experiment, None, self.workers)
-        key = _key("on everything", fitted.experiment, fitted.point.tolist())
+        key = fit_key("on everything", fitted.experiment, fitted.point.tolist())
 
         def find() -> np.ndarray:
             return among_modes(likelihood, finished(likelihood, fitted.point))
@@ -108,7 +106,7 @@ class Searcher:
         several strengths on both sides and where it is `likely`; and, where it brings no parameter or brings other
         effects along, from anywhere. A fit that is far from a χ² of `enough` is left unfinished."""
         own, likelihood = candidate.declaration, self._with(fitted, candidate)
-        known = self._best.get(_key("best", likelihood.experiment))
+        known = self._best.get(fit_key("best", likelihood.experiment))
         if known is not None and known.chi2 <= fitted.chi2:
             return known
 
@@ -121,7 +119,7 @@ class Searcher:
             tried += [placed(likelihood, {**origins[0], **flat(own.name, values)}) for values in likely]
             return best_of(likelihood, tried, early_too=True, enough=enough)
 
-        key = _key("adding", likelihood.experiment, fitted.point.tolist(), self.seed)
+        key = fit_key("adding", likelihood.experiment, fitted.point.tolist(), self.seed)
         return self._better(Fitted(likelihood, self.store.point(key, find)))
 
     def adding_beside(
@@ -136,14 +134,14 @@ class Searcher:
             return self.adding(fitted, candidate)
         several = [*starts(own, fitted.cradle.bobs, _FACTORS), *likely]
         tried = [placed(likelihood, {**other.values, **flat(own.name, values)}) for values in several]
-        key = _key("beside", likelihood.experiment, fitted.point.tolist(), other.point.tolist())
+        key = fit_key("beside", likelihood.experiment, fitted.point.tolist(), other.point.tolist())
         point = self.store.point(key, lambda: best_of(likelihood, tried, early_too=False, enough=enough))
         return self._better(Fitted(likelihood, point))
 
     def beside(self, fitted: Fitted, other: Fitted) -> Fitted:
         """The best fit of a model, once more: from where another model has its mode."""
         likelihood, point = fitted.likelihood, placed(fitted.likelihood, other.values)
-        key = _key("beside", fitted.experiment, other.point.tolist())
+        key = fit_key("beside", fitted.experiment, other.point.tolist())
         return self._better(Fitted(likelihood, self.store.point(key, lambda: finished(likelihood, point))))
 
     def _with(self, fitted: Fitted, candidate: Candidate) -> Likelihood:
@@ -157,7 +155,7 @@ class Searcher:
 
     def _better(self, fitted: Fitted) -> Fitted:
         """The best fit of this model so far."""
-        key = _key("best", fitted.experiment)
+        key = fit_key("best", fitted.experiment)
         known = self._best.get(key)
         if known is None or fitted.chi2 < known.chi2:
             self._best[key] = fitted
@@ -202,10 +200,12 @@ def finished(likelihood: Likelihood, point: np.ndarray) -> np.ndarray:
 
 
 def among_modes(likelihood: Likelihood, point: np.ndarray) -> np.ndarray:
-    """The best of the modes in κ about a point, (D,); with three bobs and more a fit may end in any of them, each far
-    narrower than they lie apart."""
-    rugged = likelihood.experiment.cradle.bobs > 2 and "kappa" in likelihood.names
-    return polish(likelihood, climb(likelihood, point)) if rugged else point
+    """The best of the modes in κ about a point, (D,); a fit may end in any of them. With many bobs they lie a few 0.1 %
+    apart, each a hundred times narrower."""
+    if "kappa" not in likelihood.names:
+        return point
+    best = climb(likelihood, point)
+    return point if np.array_equal(best, point) else polish(likelihood, best)
 
 
 def climb(likelihood: Likelihood, point: np.ndarray) -> np.ndarray:
@@ -252,7 +252,8 @@ def flat(name: str, values: Values) -> dict[str, float]:
     return found
 
 
-def _key(what: str, experiment: Experiment, *more: Any) -> str:
+def fit_key(what: str, experiment: Experiment, *more: Any) -> str:
+    """What a fit of a model is stored by: the kind of fit, the model's effects, and what else it depends on."""
     cradle = experiment.cradle
     model = (cradle.model, sorted(cradle.effects), sorted(experiment.unknown_effect_parameters))
     return hashlib.sha256(json.dumps([what, model, *more]).encode()).hexdigest()[:20]
