@@ -1,4 +1,4 @@
-"""Derivatives of a rough misfit, and descent over it.
+"""Derivatives of a rough misfit, descent over it, and what its jumps leave open.
 
 With three bobs and more the order of impacts flips at certain values of the unknowns, and readings jump there by part
 of a noise. Derivatives over less than the distance of such jumps say neither where a better mode lies nor how well an
@@ -13,7 +13,7 @@ import math
 import numpy as np
 
 from cradle_env.simulation import in_threads
-from identification.fit import bounds, cost, safe_residuals, steps, unit
+from identification.fit import bounds, cost, safe_residuals, steps, unit, well_conditioned
 from identification.likelihood import Likelihood
 
 #: How far apart, in noises over all readings (or in what a reading leaves, where that is more), the ends of a
@@ -25,6 +25,8 @@ _APART, _ATTEMPTS, _WIDEST, _SPREAD = 5.0, 8, 1e3, 2.0
 _DAMPINGS, _LENGTHS, _ROUNDS, _GAIN = (0.0, 1e-2, 1e-1), (1.0, 0.5, 0.2), 8, 0.5
 #: Steps along single principal directions that are tried besides, in standard deviations.
 _STRIDES = (3.0, 10.0, 30.0)
+#: Points about a mode from which the size of jumps is learned, and how often, each time as far out as they then allow.
+_DRAWN, _WIDENED = 16, 3
 
 
 def broad_jacobian(
@@ -73,6 +75,29 @@ def _between(likelihood: Likelihood, point: np.ndarray, step: np.ndarray, length
     above, below = max(above, 0.0), max(below, 0.0)
     change = safe_residuals(likelihood, point + above * step, length)
     return (change - safe_residuals(likelihood, point - below * step, length)) / max(above + below, 1e-12)
+
+
+def of_jumps(likelihood: Likelihood, point: np.ndarray, J: np.ndarray, covariance: np.ndarray) -> np.ndarray:
+    """What jumps of the readings add to the covariance of a mode, (D, D).
+
+    Where the order of impacts hangs on differences far below what the data resolve, neither data nor model can be had
+    twice: each is one of the ways in which the bobs may have gone. What such a jump d does to a fit is J⁺ d; d is what
+    the derivatives J do not foretell of the change from one point to another, of points as far from the mode as it may
+    lie from the truth. Where readings are smooth, nothing is added.
+    """
+    lengths = np.maximum(np.linalg.norm(J, axis=0), 1e-300)
+    absorb = np.linalg.pinv(J / lengths) / lengths[:, None]
+    furthest = _WIDEST * steps(likelihood)
+    rng = np.random.default_rng(0)
+    added = np.zeros_like(covariance)
+    for _ in range(_WIDENED):
+        drawn = np.linalg.cholesky(well_conditioned(covariance + added)) @ rng.standard_normal((len(point), _DRAWN))
+        drawn *= np.minimum(1.0, np.min(furthest[:, None] / np.maximum(np.abs(drawn), 1e-300), axis=0))
+        # To both sides at once: what bends smoothly cancels.
+        changes = in_threads(lambda v: _between(likelihood, point, v, len(J)), list(drawn.T), likelihood.workers)
+        moves = 2.0 * absorb @ (np.array(changes).T - J @ drawn)
+        added = moves @ moves.T / _DRAWN
+    return added
 
 
 def polish(likelihood: Likelihood, point: np.ndarray, rounds: int = _ROUNDS) -> np.ndarray:

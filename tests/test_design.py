@@ -77,7 +77,7 @@ def test_one_bob_tells_nothing_of_impacts(plain, small_grid):
     gains = {bobs: max(p.predicted for p in advice.plans if p.bobs == bobs) for bobs in (1, 2)}
     gradient, names = _lambda_gradient(model), model.likelihood.names
     own = [i for i, name in enumerate(names) if "@" not in name]
-    C, g = model.covariance()[np.ix_(own, own)], np.array([gradient[names[i]] for i in own])
+    C, g = model.covariance[np.ix_(own, own)], np.array([gradient[names[i]] for i in own])
     floor = g[0] ** 2 / np.linalg.inv(C)[0, 0]
     assert names[own[0]] == "k_f"
     assert 0.0 < gains[1] <= 0.5 * math.log((g @ C @ g) / floor) < gains[2]
@@ -99,7 +99,7 @@ def test_old_data_count_as_in_a_joint_fit(plain):
     (model,) = fitted(plain)
     planned = Planned(model, Instrument.of(model).run(Setting(2, 1, 0.2, 0.0), 8.0), 1.0)
     k, old = planned.names.index("k_f"), model.likelihood.names.index("k_f")
-    assert np.linalg.inv(planned.precision)[k, k] == pytest.approx(model.covariance()[old, old], rel=1e-6)
+    assert np.linalg.inv(planned.precision)[k, k] == pytest.approx(model.covariance[old, old], rel=1e-6)
     error = planned.names.index("release_angle_error@1")
     assert planned.precision[error, error] == pytest.approx(1e6)  # of the new release, 1 mrad, whatever the old one was
     assert planned.precision[error, k] == 0.0

@@ -155,7 +155,7 @@ def test_a_room_that_shakes_is_learned_with_its_frequency_and_acceleration(shake
     size = np.hypot(*(values[name] for name in names))
     places = [likelihood.names.index(name) for name in names]
     along = np.array([values[name] for name in names]) / size
-    sd = np.sqrt(along @ swinging.fitted.covariance()[np.ix_(places, places)] @ along)
+    sd = np.sqrt(along @ swinging.fitted.covariance[np.ix_(places, places)] @ along)
     assert abs(size - np.hypot(*force)) < 3.0 * sd and sd < 0.1 * size / 3.0
 
 

@@ -39,7 +39,7 @@ def test_what_is_as_strong_as_data_may_hide_moves_b_as_told(plain, name, tmp_pat
     assert told.moves["b"] < -10.0
     bent = examined(tmp_path, {name: {told.parameter.key: told.limit}}, seed=4)
     place = bent.fitted.likelihood.names.index("b")
-    sd = math.sqrt(bent.fitted.covariance()[place, place])
+    sd = math.sqrt(bent.fitted.covariance[place, place])
     off = (bent.fitted.point[place] - math.log(B)) / sd
     assert off == pytest.approx(-told.moves["b"], abs=3.0 + 0.33 * abs(told.moves["b"]))
     gain = next(s.gain for s in bent.scored.scores if s.candidate.name == name)

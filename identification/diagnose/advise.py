@@ -177,7 +177,7 @@ def advise_on_lambda(fitted: Fitted, tell: Progress | None = None) -> Advice | N
     instrument = Instrument.of(fitted)
     names = [u.name for u in fitted.likelihood.unknowns if not u.nuisance]
     own = [fitted.likelihood.names.index(name) for name in names]
-    before = instrument.inflation * fitted.covariance()[np.ix_(own, own)]
+    before = instrument.inflation * fitted.covariance[np.ix_(own, own)]
     g = np.array([gradient[name] for name in names])
 
     def gain(planned: list[Planned], duration: float) -> np.ndarray:
@@ -234,7 +234,7 @@ def _lambda_gradient(fitted: Fitted) -> dict[str, float] | None:
     """dλ/dx by the unknowns of the cradle, over one standard deviation to either side; None where λ is not defined."""
     likelihood = fitted.likelihood
     run = fitted.experiment.runs[0]
-    deviations = np.sqrt(coloured(fitted)[0] * np.diag(fitted.covariance()))
+    deviations = np.sqrt(coloured(fitted)[0] * np.diag(fitted.covariance))
     if run.release is None or fitted.cradle.bobs == 1:
         return None
     release = run.release.release

@@ -13,7 +13,7 @@ from identification.experiment import Experiment
 from identification.fit import training_rows, unit
 from identification.likelihood import Likelihood, rms
 from identification.noise import estimated_noise, noise_of
-from identification.rough import broad_jacobian
+from identification.rough import broad_jacobian, of_jumps
 
 #: Directions that the readings hold less than this share of, of the best known one, count as not seen at all.
 _RANK = 1e-9
@@ -104,12 +104,14 @@ class Fitted:
         """What a refit leaves of vectors (R + P,) or (R + P, M), to first order: v − Q Qᵀ v."""
         return vectors - self.absorbed @ (self.absorbed.T @ vectors)
 
+    @functools.cached_property
     def covariance(self) -> np.ndarray:
-        """Laplace covariance of the point, (D, D)."""
+        """Laplace covariance of the point, and what jumps of the readings add to it; (D, D)."""
         J, widths = self.jacobian, []
         for u in self.likelihood.unknowns:
             widths.append(5.0 if u.log else min(u.high - u.low, 10.0 * max(u.search, abs(u.start), 1e-3)))
-        return np.linalg.inv(J.T @ J + np.diag(1.0 / np.array(widths) ** 2))
+        smooth = np.linalg.inv(J.T @ J + np.diag(1.0 / np.array(widths) ** 2))
+        return smooth + of_jumps(self.likelihood, self.point, J, smooth)
 
     def gap(self, rows: list[np.ndarray]) -> float:
         """RMS over the noise of model less data in rows (T,) of each run; nan where there are none."""

@@ -24,7 +24,7 @@ class Interval:
 def intervals(fitted: Fitted) -> dict[str, Interval]:
     """Medians and 95 % intervals by Laplace, inflated for residuals that are not white and cut at the bounds."""
     inflation = coloured(fitted)[0]
-    deviations = np.sqrt(inflation * np.maximum(np.diag(fitted.covariance()), 1e-300))
+    deviations = np.sqrt(inflation * np.maximum(np.diag(fitted.covariance), 1e-300))
     found = {}
     for u, z, sd in zip(fitted.likelihood.unknowns, fitted.point, deviations, strict=True):
         low, high = (

@@ -54,7 +54,7 @@ class Shape:
     def __init__(self, law: Law, fitted: Fitted):
         self.law, self.fitted, self.cradle = law, fitted, fitted.cradle
         likelihood = fitted.likelihood
-        self.covariance = coloured(fitted)[0] * fitted.covariance()
+        self.covariance = coloured(fitted)[0] * fitted.covariance
         self.places = {name: i for i, name in enumerate(likelihood.names)}
         run = fitted.experiment.runs[0]
         beginning, _ = likelihood.beginning(fitted.values, 0)

@@ -115,7 +115,7 @@ class Planned(Likelihood):
         precision = np.diag([1e-9 if math.isnan(u.sd) else u.sd**-2 for u in self.unknowns])
         shared = [i for i, u in enumerate(self.unknowns) if not u.nuisance]
         theirs = [fitted.likelihood.names.index(self.names[i]) for i in shared]
-        covariance = inflation * fitted.covariance()[np.ix_(theirs, theirs)]
+        covariance = inflation * fitted.covariance[np.ix_(theirs, theirs)]
         precision[np.ix_(shared, shared)] = np.linalg.inv(covariance)
         return 0.5 * (precision + precision.T)
 

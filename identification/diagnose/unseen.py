@@ -49,7 +49,7 @@ class Unseen:
 def unseen(fitted: Fitted, scores: Sequence[Score]) -> tuple[Unseen, ...]:
     """Of each absent effect with one strength, how much data may hide; what would move unknowns most comes first."""
     inflation = coloured(fitted)[0]
-    deviations = np.sqrt(inflation * np.diag(fitted.covariance()))
+    deviations = np.sqrt(inflation * np.diag(fitted.covariance))
     names = [name for name in ("k_f", "kappa", "b") if name in fitted.likelihood.names]
     places = [fitted.likelihood.names.index(name) for name in names]
     lengths = np.linalg.norm(fitted.jacobian, axis=0)
