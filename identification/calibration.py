@@ -14,6 +14,7 @@ from identification.experiment import Experiment
 from identification.fit import Progress, find_mode, refit, training_rows
 from identification.likelihood import Likelihood, rms
 from identification.posterior import Gap, Posterior
+from identification.rough import with_jumps
 from identification.sample import Chains, Checkpoint, sample
 
 
@@ -45,7 +46,11 @@ def calibrate(
         folder.mkdir(parents=True, exist_ok=True)
         checkpoint = Checkpoint(folder / "chain.h5", likelihood, seed)
         if not checkpoint.exists():
-            checkpoint.begin(find_mode(likelihood, seed, tell))
+            mode = find_mode(likelihood, seed, tell)
+            tell("search", 0.95, "how the readings jump about the mode")
+            known, mode = with_jumps(likelihood, mode)
+            checkpoint.begin(mode, known.jumps)
+        likelihood = likelihood.with_jumps(checkpoint.jumps())
         verdict = sample(likelihood, checkpoint, steps=steps, max_steps=max_steps, progress=tell)
         chains = checkpoint.read()
     kept = Chains(*(array[:, verdict.burn_in :] for array in dataclasses.astuple(chains)))

@@ -65,8 +65,8 @@ def find_mode(likelihood: Likelihood, seed: int = 0, progress: Progress | None =
         tell("search", 0.9, "neighbouring modes of κ")
         point, least = _climb_ladder(likelihood, point, least)
     _reweigh(likelihood, point)
-    point, least = refine(likelihood, point, 40)
-    return _mode(likelihood, point, least)
+    point = refine(likelihood, point, 40)[0]
+    return mode_at(likelihood, point, jacobian(likelihood, point, likelihood.residuals(point)))
 
 
 def _reweigh(likelihood: Likelihood, point: np.ndarray) -> None:
@@ -196,28 +196,26 @@ def refine(likelihood: Likelihood, point: np.ndarray, evaluations: int) -> tuple
     return found.x, 2.0 * float(found.cost)
 
 
-def _mode(likelihood: Likelihood, point: np.ndarray, cost: float) -> Mode:
-    """The mode with its covariance; unknown noise goes to the RMS of the residuals that are left."""
-    residuals = likelihood.residuals(point)
-    J = jacobian(likelihood, point, residuals)
-    weight = np.ones(len(residuals))
-    point, counted = point.copy(), 0
-    for k, (run, rows) in enumerate(zip(likelihood.experiment.runs, likelihood.rows, strict=True)):
-        count = int(np.sum(~np.isnan(run.readings[rows])))
+def mode_at(likelihood: Likelihood, point: np.ndarray, J: np.ndarray) -> Mode:
+    """The mode at a point, with its covariance, from derivatives J of the residuals (R, D); unknown noise goes to the
+    RMS of the residuals that are left."""
+    residuals, parts = likelihood.residuals(point), likelihood.parts()
+    least, weight = float(np.sum(residuals**2)), np.ones(len(residuals))
+    point = point.copy()
+    for k, part in enumerate(parts):
         name = f"noise@{k + 1}"
-        if name in likelihood.names and count:
-            scale = max(rms(residuals[counted : counted + count]), 1e-3)
-            weight[counted : counted + count] = 1.0 / scale
+        if name in likelihood.names and part.stop > part.start:
+            scale = max(rms(residuals[part]), 1e-3)
+            weight[part] = 1.0 / scale
             point[likelihood.names.index(name)] = math.log(likelihood.weighing[k] * scale)
-        counted += count
     information = (J * weight[:, None] ** 2).T @ J
     for i, u in enumerate(likelihood.unknowns):
         if u.name.startswith("noise@"):
-            information[i, i] = 2.0 * counted / len(likelihood.rows)
+            information[i, i] = 2.0 * parts[-1].stop / len(parts)
         # What the data leave open is as wide as its bounds allow.
         open_width = min(u.high - u.low, 10.0 * max(u.search, abs(u.start), 1e-3)) if not u.log else 5.0
         information[i, i] += 1.0 / open_width**2
-    return Mode(point, well_conditioned(np.linalg.inv(information)), cost)
+    return Mode(point, well_conditioned(np.linalg.inv(information)), least)
 
 
 def well_conditioned(covariance: np.ndarray) -> np.ndarray:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import copy
 import dataclasses
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -28,8 +30,27 @@ _UNKNOWN_NOISE = 0.02
 _NONE = np.empty(0)
 
 
+@dataclass(frozen=True, eq=False)
+class Jumps:
+    """How the R readings of a run scatter beside their noise, where the order of impacts hangs on differences that
+    nobody can state: sizes [rad or m], (K,), along orthonormal directions, (R, K). See `identification.rough`."""
+
+    directions: np.ndarray
+    sizes: np.ndarray
+
+    def counted(self, residuals: np.ndarray, sigma: float) -> np.ndarray:
+        """Residuals over the noise sigma, (R,) or (R, M), over noise and jumps together."""
+        shrunk = 1.0 / np.sqrt(1.0 + (self.sizes / sigma) ** 2) - 1.0
+        return residuals + (self.directions * shrunk) @ (self.directions.T @ residuals)
+
+    def log_volume(self, sigma: float) -> float:
+        """By how much they widen the density of the readings, beside noise sigma."""
+        return 0.5 * float(np.sum(np.log1p((self.sizes / sigma) ** 2)))
+
+
 class Likelihood:
-    """The posterior density of an experiment: Gaussian noise about the simulated readings, and the priors.
+    """The posterior density of an experiment: Gaussian noise about the simulated readings, and the priors; with
+    `jumps`, one of each run, about readings that scatter as these say.
 
     rows: which readings count, one (T,) of bool per run; those that may be fitted where omitted. parameters: which of
     k_f, kappa and b to infer, all that matter where omitted. A point is a vector of sampled coordinates, one per
@@ -44,6 +65,7 @@ class Likelihood:
         parameters: Sequence[str] | None = None,
     ):
         self.experiment, self.workers, self.parameters = experiment, workers, parameters
+        self.jumps: tuple[Jumps, ...] = ()
         self.rows = [run.fitted for run in experiment.runs] if rows is None else rows
         self.noise = [noise_of(run) for run in experiment.runs]
         #: What least squares weighs residuals with: the noise, or, while it is unknown, what a model may leave.
@@ -59,6 +81,19 @@ class Likelihood:
     def names(self) -> list[str]:
         """Names of the unknowns."""
         return [u.name for u in self.unknowns]
+
+    def with_jumps(self, jumps: Sequence[Jumps]) -> Likelihood:
+        """The same, of readings that scatter so; one of each run."""
+        other = copy.copy(self)
+        other.jumps = tuple(jumps)
+        return other
+
+    def parts(self) -> list[slice]:
+        """Where the readings of each run stand among the residuals."""
+        ends = np.cumsum([
+            np.sum(~np.isnan(run.readings[rows])) for run, rows in zip(self.experiment.runs, self.rows, strict=True)
+        ])  # fmt: skip
+        return [slice(int(begin), int(end)) for begin, end in zip([0, *ends[:-1]], ends, strict=True)]
 
     def start(self) -> np.ndarray:
         """The point from which to search."""
@@ -172,9 +207,11 @@ class Likelihood:
                 return -math.inf, math.nan
             rate = found if k == 0 else rate
             scale = self.sigma_of(values, k)
-            residual = run.readings[rows] - readings
-            seen = ~np.isnan(run.readings[rows])
-            total -= 0.5 * float(np.sum((residual[seen] / scale) ** 2)) + seen.sum() * math.log(scale)
+            residual = ((run.readings[rows] - readings) / scale)[~np.isnan(run.readings[rows])]
+            if self.jumps:
+                residual = self.jumps[k].counted(residual, scale)
+                total -= self.jumps[k].log_volume(scale)
+            total -= 0.5 * float(np.sum(residual**2)) + len(residual) * math.log(scale)
         return (total, rate) if math.isfinite(total) else (-math.inf, math.nan)
 
     def log_densities(self, points: np.ndarray) -> np.ndarray:
@@ -182,10 +219,8 @@ class Likelihood:
         return np.array(in_threads(self.log_density, list(points), self.workers))
 
     def residuals(self, point: np.ndarray) -> np.ndarray:
-        """Residuals over `weighing`, missing readings left out, then those of the normal priors; for least squares.
-
-        The noise counts as known here, so that its unknown has no residual.
-        """
+        """Residuals over `weighing` and jumps, missing readings left out, then those of the normal priors; for least
+        squares. The noise counts as known here, so that its unknown has no residual."""
         parts = []
         for k, (run, rows) in enumerate(zip(self.experiment.runs, self.rows, strict=True)):
             if rows.any():
@@ -194,7 +229,15 @@ class Likelihood:
         prior = [
             (u.value(z) - u.mean) / u.sd for u, z in zip(self.unknowns, point, strict=True) if not math.isnan(u.sd)
         ]
-        return np.concatenate([*parts, np.array(prior)])
+        return self.counted(np.concatenate([*parts, np.array(prior)]))
+
+    def counted(self, residuals: np.ndarray) -> np.ndarray:
+        """Residuals over `weighing`, (R,) or (R, M), over what the readings scatter by as well."""
+        if self.jumps:
+            residuals = residuals.copy()
+            for jumps, part, weight in zip(self.jumps, self.parts(), self.weighing, strict=True):
+                residuals[part] = jumps.counted(residuals[part], weight)
+        return residuals
 
 
 def hanging_radius(cradle: Cradle) -> np.ndarray:

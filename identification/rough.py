@@ -13,8 +13,8 @@ import math
 import numpy as np
 
 from cradle_env.simulation import in_threads
-from identification.fit import bounds, cost, safe_residuals, steps, unit, well_conditioned
-from identification.likelihood import Likelihood
+from identification.fit import Mode, bounds, cost, mode_at, safe_residuals, steps, unit, well_conditioned
+from identification.likelihood import Jumps, Likelihood
 
 #: How far apart, in noises over all readings (or in what a reading leaves, where that is more), the ends of a
 #: difference in one unknown are at least; attempts at such a step, the first in steps of a smooth misfit; half the
@@ -25,8 +25,13 @@ _APART, _ATTEMPTS, _WIDEST, _SPREAD = 5.0, 8, 1e3, 2.0
 _DAMPINGS, _LENGTHS, _ROUNDS, _GAIN = (0.0, 1e-2, 1e-1), (1.0, 0.5, 0.2), 8, 0.5
 #: Steps along single principal directions that are tried besides, in standard deviations.
 _STRIDES = (3.0, 10.0, 30.0)
-#: Points about a mode from which the size of jumps is learned, and how often, each time as far out as they then allow.
-_DRAWN, _WIDENED = 16, 3
+#: Pairs of points about a mode from which the size of jumps is learned, and how often, each time as far out as they
+#: then allow; and those from which their directions are.
+_DRAWN, _WIDENED, _LEARNED = 16, 3, 64
+#: How much larger jumps count than they were, for those that were not drawn: unknowns are known by what lies across
+#: all jumps, and get a twentieth less certain, while the density they are sampled from gets far smoother. Steps to its
+#: mode; the share of the largest jump below which one counts as none.
+_GENEROUS, _STEPS, _SMALL = 3.0, 2, 1e-3
 
 
 def broad_jacobian(
@@ -81,23 +86,57 @@ def of_jumps(likelihood: Likelihood, point: np.ndarray, J: np.ndarray, covarianc
     """What jumps of the readings add to the covariance of a mode, (D, D).
 
     Where the order of impacts hangs on differences far below what the data resolve, neither data nor model can be had
-    twice: each is one of the ways in which the bobs may have gone. What such a jump d does to a fit is J⁺ d; d is what
-    the derivatives J do not foretell of the change from one point to another, of points as far from the mode as it may
-    lie from the truth. Where readings are smooth, nothing is added.
+    twice: each is one of the ways in which the bobs may have gone. What such a jump d does to a fit is J⁺ d, J being
+    the derivatives. Where readings are smooth, nothing is added.
     """
     lengths = np.maximum(np.linalg.norm(J, axis=0), 1e-300)
     absorb = np.linalg.pinv(J / lengths) / lengths[:, None]
-    furthest = _WIDEST * steps(likelihood)
-    rng = np.random.default_rng(0)
     added = np.zeros_like(covariance)
-    for _ in range(_WIDENED):
-        drawn = np.linalg.cholesky(well_conditioned(covariance + added)) @ rng.standard_normal((len(point), _DRAWN))
-        drawn *= np.minimum(1.0, np.min(furthest[:, None] / np.maximum(np.abs(drawn), 1e-300), axis=0))
-        # To both sides at once: what bends smoothly cancels.
-        changes = in_threads(lambda v: _between(likelihood, point, v, len(J)), list(drawn.T), likelihood.workers)
-        moves = 2.0 * absorb @ (np.array(changes).T - J @ drawn)
+    for i in range(_WIDENED):
+        moves = absorb @ _jumps(likelihood, point, J, covariance + added, _DRAWN, i)
         added = moves @ moves.T / _DRAWN
     return added
+
+
+def _jumps(
+    likelihood: Likelihood, point: np.ndarray, J: np.ndarray, covariance: np.ndarray, count: int, seed: int
+) -> np.ndarray:
+    """What the derivatives do not foretell of the changes between points about a mode, (R, count): of pairs as far
+    from it as the truth may lie, to both sides, so that what bends smoothly cancels."""
+    normal = np.random.default_rng(seed).standard_normal((len(point), count))
+    drawn = np.linalg.cholesky(well_conditioned(covariance)) @ normal
+    furthest = _WIDEST * steps(likelihood)[:, None]
+    drawn *= np.minimum(1.0, np.min(furthest / np.maximum(np.abs(drawn), 1e-300), axis=0))
+    changes = in_threads(lambda v: _between(likelihood, point, v, len(J)), list(drawn.T), likelihood.workers)
+    return 2.0 * (np.array(changes).T - J @ drawn)
+
+
+def with_jumps(likelihood: Likelihood, mode: Mode) -> tuple[Likelihood, Mode]:
+    """The likelihood of readings that scatter by jumps as they do about its mode, and the mode of that. With less than
+    three bobs no order can flip, and both stay as they are.
+
+    Noise and jumps together have the covariance σ² I + Σ dᵢ dᵢᵀ/K, of K jumps dᵢ: along the few directions in which
+    readings jump, residuals count for less.
+    """
+    if likelihood.experiment.cradle.bobs < 3:
+        return likelihood, mode
+    point = polish(likelihood, mode.point)
+    J = broad_jacobian(likelihood, point, likelihood.residuals(point))
+    covariance = mode_at(likelihood, point, J).covariance
+    covariance = covariance + of_jumps(likelihood, point, J, covariance)
+    scatter = _GENEROUS * _jumps(likelihood, point, J, covariance, _LEARNED, 0) / math.sqrt(_LEARNED)
+    of_runs = zip(likelihood.parts(), likelihood.weighing, strict=True)
+    known = likelihood.with_jumps([_of_run(scatter[part] * weight) for part, weight in of_runs])
+    for _ in range(_STEPS):
+        point = np.clip(point - np.linalg.lstsq(known.counted(J), known.residuals(point))[0], *bounds(likelihood))
+    return known, mode_at(known, point, known.counted(J))
+
+
+def _of_run(scatter: np.ndarray) -> Jumps:
+    """Directions and sizes of jumps that scatter so, (R, K) [rad or m]; all but the smallest."""
+    directions, sizes, _ = np.linalg.svd(scatter, full_matrices=False)
+    large = sizes > _SMALL * sizes[:1]
+    return Jumps(directions[:, large], sizes[large])
 
 
 def polish(likelihood: Likelihood, point: np.ndarray, rounds: int = _ROUNDS) -> np.ndarray:

@@ -6,6 +6,7 @@ import math
 import os
 import shutil
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -16,7 +17,7 @@ import numpy as np
 
 from identification.files import ExperimentError
 from identification.fit import Mode, Progress, well_conditioned
-from identification.likelihood import Likelihood
+from identification.likelihood import Jumps, Likelihood
 from identification.posterior import Convergence
 
 ENSEMBLES = 2
@@ -88,15 +89,24 @@ class Checkpoint:
             )
         return True
 
-    def begin(self, mode: Mode) -> None:
-        """A file without steps, with the mode from which sampling starts."""
+    def begin(self, mode: Mode, jumps: Sequence[Jumps] = ()) -> None:
+        """A file without steps, with the mode from which sampling starts, and how the readings of each run jump."""
         part = self._part()
         with _open(part, "w") as file:
             file.attrs["inputs"] = self.likelihood.experiment.digest
             file.attrs["names"] = self.likelihood.names
             file.attrs["seed"] = self.seed
             _write_mode(file, 0, mode)
+            for k, of_run in enumerate(jumps):
+                file[f"jumps/{k + 1}/directions"], file[f"jumps/{k + 1}/sizes"] = of_run.directions, of_run.sizes
         os.replace(part, self.path)
+
+    def jumps(self) -> list[Jumps]:
+        """How the readings of each run jump; none where that is not known."""
+        with _open(self.path, "r") as file:
+            known = file.get("jumps", {})
+            parts = [known[f"{k + 1}"] for k in range(len(known))]
+            return [Jumps(part["directions"][:], part["sizes"][:]) for part in parts]
 
     def mode(self, step: int) -> Mode:
         """The mode about which points are proposed at a step: that of the fit, or as last adapted to the chains."""

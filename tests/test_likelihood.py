@@ -4,11 +4,12 @@ import math
 
 import numpy as np
 import pytest
+from scipy.stats import multivariate_normal, norm
 
 from cradle_env import Cradle, Release, simulate
 from identification.experiment import Experiment
 from identification.fit import find_mode
-from identification.likelihood import Likelihood, lifted_further
+from identification.likelihood import Jumps, Likelihood, lifted_further
 from identification.runs import ReleaseInfo, Run
 from tests.independent.soft_contact import SoftCradle, simulate_soft
 
@@ -65,6 +66,23 @@ def test_density_is_that_of_gaussian_noise():
     expected = -0.5 * np.sum(residual**2) - residual.size * math.log(1e-3)
     # The inference's longer integration steps change θ by 1e-7 rad, 1e-4 of the noise.
     assert likelihood.log_density(point)[0] == pytest.approx(expected, rel=1e-5)
+
+
+def test_density_with_jumps_is_that_of_their_covariance():
+    likelihood = Likelihood(experiment(seconds=1.0))
+    run, rng = likelihood.experiment.runs[0], np.random.default_rng(2)
+    jumps = 5e-4 * rng.standard_normal((run.readings.size, 3))
+    directions, sizes, _ = np.linalg.svd(jumps, full_matrices=False)
+    jumping, point = likelihood.with_jumps([Jumps(directions, sizes)]), likelihood.start()
+    residual = (likelihood.predict(point, 0, likelihood.rows[0])[0] - run.readings).ravel()
+    covariance = 1e-6 * np.eye(len(residual)) + jumps @ jumps.T
+    # Only a difference is defined; that to the density without jumps has no other terms.
+    expected = multivariate_normal.logpdf(residual, cov=covariance) - np.sum(norm.logpdf(residual, scale=1e-3))
+    gained = jumping.log_density(point)[0] - likelihood.log_density(point)[0]
+    assert gained == pytest.approx(expected, rel=1e-9)
+    # Least squares weighs by the same covariance; the last residual is the prior's of the release.
+    squares = float(residual @ np.linalg.solve(covariance, residual))
+    assert np.sum(jumping.residuals(point)[:-1] ** 2) == pytest.approx(squares, rel=1e-9)
 
 
 def test_impossible_points_have_no_density():

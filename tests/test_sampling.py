@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from identification.fit import Mode
+from identification.likelihood import Jumps
 from identification.sample import Chains, Checkpoint, convergence, sample
 from identification.unknowns import Unknown
 
@@ -51,6 +52,15 @@ def test_a_known_posterior_is_recovered(tmp_path):
     assert np.cov(points.T) == pytest.approx(np.array([[1.0, 0.6], [0.6, 2.0]]), abs=2.5 * error)
     blob = sampled.newton_exponent[:, verdict.burn_in :].ravel()
     assert blob.var() == pytest.approx(4.2, rel=2.5 * error)
+
+
+def test_jumps_are_kept_beside_the_chains(tmp_path):
+    checkpoint, rng = Checkpoint(tmp_path / "chain.h5", Gaussian(), 0), np.random.default_rng(0)
+    jumps = [Jumps(rng.standard_normal((30, k)), rng.standard_normal(k)) for k in (2, 0)]
+    checkpoint.begin(Mode(np.zeros(2), np.eye(2), 0.0), jumps)
+    for kept, own in zip(checkpoint.jumps(), jumps, strict=True):
+        np.testing.assert_array_equal(kept.directions, own.directions)
+        np.testing.assert_array_equal(kept.sizes, own.sizes)
 
 
 def test_a_resumed_chain_is_the_uninterrupted_one(tmp_path):
