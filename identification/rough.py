@@ -29,9 +29,9 @@ _STRIDES = (3.0, 10.0, 30.0)
 #: then allow; and those from which their directions are.
 _DRAWN, _WIDENED, _LEARNED = 16, 3, 64
 #: How much larger jumps count than they were, for those that were not drawn: unknowns are known by what lies across
-#: all jumps, and get a twentieth less certain, while the density they are sampled from gets far smoother. Steps to its
-#: mode; the share of the largest jump below which one counts as none.
-_GENEROUS, _STEPS, _SMALL = 3.0, 2, 1e-3
+#: all jumps, and get less than a tenth less certain, while the density they are sampled from gets far smoother; steps
+#: to its mode; the share of the largest jump below which one counts as none.
+_GENEROUS, _STEPS, _SMALL = 10.0, 2, 1e-3
 
 
 def broad_jacobian(
