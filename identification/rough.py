@@ -45,13 +45,16 @@ def broad_jacobian(
     first = np.array(in_threads(
         lambda i: _column(likelihood, point, i, length, sigma, widths), list(range(len(point))), likelihood.workers
     )).T  # fmt: skip
-    lengths = np.maximum(np.linalg.norm(first, axis=0), 1e-300)
-    s, Vt = np.linalg.svd(first / lengths, full_matrices=False)[1:]
+    lengths = np.linalg.norm(first, axis=0)
+    seen = lengths > 0.0
+    s, Vt = np.linalg.svd(first[:, seen] / lengths[seen], full_matrices=False)[1:]
     if s[-1] < 1e-7 * s[0]:
         return first  # along what no reading holds, there is nothing to follow
-    directions = Vt.T / lengths[:, None] / s * (_SPREAD * sigma)
-    changes = in_threads(lambda v: _between(likelihood, point, v, length), list(directions.T), likelihood.workers)
-    return np.linalg.solve(directions.T, np.array(changes)).T
+    directions = np.zeros((len(s), len(point)))
+    directions[:, seen] = Vt / lengths[seen] / s[:, None] * (_SPREAD * sigma)
+    changes = in_threads(lambda v: _between(likelihood, point, v, length), list(directions), likelihood.workers)
+    first[:, seen] = np.linalg.solve(directions[:, seen], np.array(changes)).T
+    return first
 
 
 def _column(
@@ -128,7 +131,9 @@ def with_jumps(likelihood: Likelihood, mode: Mode) -> tuple[Likelihood, Mode]:
     of_runs = zip(likelihood.parts(), likelihood.weighing, strict=True)
     known = likelihood.with_jumps([_of_run(scatter[part] * weight) for part, weight in of_runs])
     for _ in range(_STEPS):
-        point = np.clip(point - np.linalg.lstsq(known.counted(J), known.residuals(point))[0], *bounds(likelihood))
+        moves = _descents(known.counted(J), known.residuals(point))
+        tried = [point, *(np.clip(point + move, *bounds(likelihood)) for move in moves)]
+        point = tried[int(np.argmin(in_threads(lambda z: cost(known, z), tried, likelihood.workers)))]
     return known, mode_at(known, point, known.counted(J))
 
 
