@@ -12,9 +12,9 @@ import numpy as np
 from cradle_env.errors import check_range
 from identification.experiment import Experiment
 from identification.fit import Progress, find_mode, refit, training_rows
+from identification.jumps import learned
 from identification.likelihood import Likelihood, rms
 from identification.posterior import Gap, Posterior
-from identification.rough import with_jumps
 from identification.sample import Chains, Checkpoint, sample
 
 
@@ -48,7 +48,7 @@ def calibrate(
         if not checkpoint.exists():
             mode = find_mode(likelihood, seed, tell)
             tell("search", 0.95, "how the readings jump about the mode")
-            known, mode = with_jumps(likelihood, mode)
+            known, mode = learned(likelihood, mode)
             checkpoint.begin(mode, known.jumps)
         likelihood = likelihood.with_jumps(checkpoint.jumps())
         verdict = sample(likelihood, checkpoint, steps=steps, max_steps=max_steps, progress=tell)

@@ -41,7 +41,7 @@ def find_mode(likelihood: Likelihood, seed: int = 0, progress: Progress | None =
     all data, and neighbouring values of κ tried around the winner."""
     tell = progress or (lambda *_: None)
     rng = np.random.default_rng(seed)
-    early = Likelihood(likelihood.experiment, early_rows(likelihood), likelihood.workers)
+    early = Likelihood(likelihood.experiment, early_rows(likelihood), likelihood.workers, likelihood.parameters)
     width = np.array([u.search for u in likelihood.unknowns])
     starts = likelihood.start() + width * rng.uniform(-1.0, 1.0, (_DRAWS, len(width)))
     starts[0] = likelihood.start()

@@ -33,12 +33,12 @@ _NONE = np.empty(0)
 @dataclass(frozen=True, eq=False)
 class Jumps:
     """How the R readings of a run scatter beside their noise, where the order of impacts hangs on differences that
-    nobody can state: sizes [rad or m], (K,), along orthonormal directions, (R, K). See `identification.rough`."""
+    nobody can state: sizes [rad or m], (K,), along orthonormal directions, (R, K). See `identification.jumps`."""
 
     directions: np.ndarray
     sizes: np.ndarray
 
-    def counted(self, residuals: np.ndarray, sigma: float) -> np.ndarray:
+    def whitened(self, residuals: np.ndarray, sigma: float) -> np.ndarray:
         """Residuals over the noise sigma, (R,) or (R, M), over noise and jumps together."""
         shrunk = 1.0 / np.sqrt(1.0 + (self.sizes / sigma) ** 2) - 1.0
         return residuals + (self.directions * shrunk) @ (self.directions.T @ residuals)
@@ -85,7 +85,7 @@ class Likelihood:
     def with_jumps(self, jumps: Sequence[Jumps]) -> Likelihood:
         """The same, of readings that scatter so; one of each run."""
         other = copy.copy(self)
-        other.jumps = tuple(jumps)
+        other.jumps, other.weighing = tuple(jumps), list(self.weighing)
         return other
 
     def parts(self) -> list[slice]:
@@ -209,7 +209,7 @@ class Likelihood:
             scale = self.sigma_of(values, k)
             residual = ((run.readings[rows] - readings) / scale)[~np.isnan(run.readings[rows])]
             if self.jumps:
-                residual = self.jumps[k].counted(residual, scale)
+                residual = self.jumps[k].whitened(residual, scale)
                 total -= self.jumps[k].log_volume(scale)
             total -= 0.5 * float(np.sum(residual**2)) + len(residual) * math.log(scale)
         return (total, rate) if math.isfinite(total) else (-math.inf, math.nan)
@@ -229,14 +229,14 @@ class Likelihood:
         prior = [
             (u.value(z) - u.mean) / u.sd for u, z in zip(self.unknowns, point, strict=True) if not math.isnan(u.sd)
         ]
-        return self.counted(np.concatenate([*parts, np.array(prior)]))
+        return self.whitened(np.concatenate([*parts, np.array(prior)]))
 
-    def counted(self, residuals: np.ndarray) -> np.ndarray:
+    def whitened(self, residuals: np.ndarray) -> np.ndarray:
         """Residuals over `weighing`, (R,) or (R, M), over what the readings scatter by as well."""
         if self.jumps:
             residuals = residuals.copy()
             for jumps, part, weight in zip(self.jumps, self.parts(), self.weighing, strict=True):
-                residuals[part] = jumps.counted(residuals[part], weight)
+                residuals[part] = jumps.whitened(residuals[part], weight)
         return residuals
 
 

@@ -80,7 +80,7 @@ class Checkpoint:
             return False
         try:
             with _open(self.path, "r") as file:
-                digest, names = file.attrs["inputs"], list(file.attrs["names"])
+                digest, names, _ = file.attrs["inputs"], list(file.attrs["names"]), file["jumps"]
         except (OSError, KeyError) as problem:
             raise ExperimentError(f"{self.path}: not a chain that can be resumed ({problem}); remove it") from None
         if digest != self.likelihood.experiment.digest or names != self.likelihood.names:
@@ -89,7 +89,7 @@ class Checkpoint:
             )
         return True
 
-    def begin(self, mode: Mode, jumps: Sequence[Jumps] = ()) -> None:
+    def begin(self, mode: Mode, jumps: Sequence[Jumps]) -> None:
         """A file without steps, with the mode from which sampling starts, and how the readings of each run jump."""
         part = self._part()
         with _open(part, "w") as file:
@@ -97,6 +97,7 @@ class Checkpoint:
             file.attrs["names"] = self.likelihood.names
             file.attrs["seed"] = self.seed
             _write_mode(file, 0, mode)
+            file.create_group("jumps")
             for k, of_run in enumerate(jumps):
                 file[f"jumps/{k + 1}/directions"], file[f"jumps/{k + 1}/sizes"] = of_run.directions, of_run.sizes
         os.replace(part, self.path)
@@ -104,7 +105,7 @@ class Checkpoint:
     def jumps(self) -> list[Jumps]:
         """How the readings of each run jump; none where that is not known."""
         with _open(self.path, "r") as file:
-            known = file.get("jumps", {})
+            known = file["jumps"]
             parts = [known[f"{k + 1}"] for k in range(len(known))]
             return [Jumps(part["directions"][:], part["sizes"][:]) for part in parts]
 

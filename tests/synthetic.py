@@ -1,13 +1,18 @@
 """Experiments simulated by the project itself or recorded elsewhere, and posteriors made up around their truth."""
 
+from pathlib import Path
+
 import numpy as np
 
 from cradle_env import Cradle, Release, simulate
+from identification.diagnose.fitted import Fitted, with_known_noise
+from identification.diagnose.search import Searcher, Store, placed
 from identification.experiment import Experiment
 from identification.likelihood import Likelihood
 from identification.posterior import Convergence, Gap, Posterior
 from identification.runs import ReleaseInfo, Run
 from tests.independent.laboratory import Recording
+from tests.study import Apparatus, cases
 
 #: Relative width of the made-up posterior, by unknown.
 WIDTHS = {"k_f": 1.5e-3, "kappa": 2e-4, "b": 3e-3}
@@ -61,3 +66,14 @@ def made_up_posterior(
         gap or Gap(1.004, 1.013, {"train": np.full(1 + experiment.cradle.bobs, 1e-3)}),
         seed=3,
     )
+
+
+def nothing_hidden(folder: Path, name: str) -> tuple[Fitted, np.ndarray]:
+    """A case of the study in which nothing is hidden, its model fitted to everything; and the truth, (D,)."""
+    apparatus = Apparatus(next(case for case in cases([int(name[:2])]) if case.name == name))
+    folder.mkdir(exist_ok=True)
+    experiment = Experiment.load(apparatus.write(folder, apparatus.record([], True)))
+    searcher = Searcher(Store(None, ""), 0, None)
+    found = searcher.on_everything(searcher.globally(with_known_noise(experiment)))
+    truth = {**apparatus.truth, "release_angle_error@1": apparatus.angle - apparatus.lifted}
+    return found, placed(found.likelihood, truth)

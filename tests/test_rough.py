@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 
 from identification.diagnose.candidates import with_effects
-from identification.diagnose.fitted import Fitted, with_known_noise
+from identification.diagnose.fitted import with_known_noise
 from identification.diagnose.search import Searcher, Store, placed
 from identification.experiment import Experiment
-from identification.fit import cost, mode_at, refine
-from identification.rough import broad_jacobian, polish, with_jumps
+from identification.fit import cost, refine
+from identification.rough import broad_jacobian, polish
 from tests.independent.laboratory import record, write_experiment
 from tests.independent.soft_contact import SoftCradle
-from tests.study import Apparatus, cases
+from tests.synthetic import nothing_hidden
 
 NAMES = ("k_f", "kappa", "b", "pivot_friction.tau_c", "release_angle_error@1")
 TRUE = dict(zip(NAMES, (14157.0, 175.015, 3.986e-3, 3.7515e-4, 0.0), strict=True))
@@ -79,64 +79,7 @@ def test_far_above_the_noise_its_size_is_of_no_matter(tmp_path):
 def test_the_mode_in_kappa_is_the_best_of_its_neighbours(tmp_path):
     """Five bobs, 1 mrad: κ has modes 0.1 % apart, each known to some 0.01 %. The first that a search ends in is 5 sd
     off here, jumps not counted; 3.5 fails by chance once in 2000."""
-    found, truth = _nothing_hidden(tmp_path, "02-nothing-0")
+    found, truth = nothing_hidden(tmp_path, "02-nothing-0")
     place, J = found.likelihood.names.index("kappa"), found.jacobian
     sd = np.sqrt(np.linalg.inv(J.T @ J)[place, place])
     assert abs(found.point - truth)[place] < 3.5 * sd < 1e-3
-
-
-def test_jumps_widen_what_is_known(tmp_path):
-    """Five bobs whose order of impacts hangs on nothing: χ² changes by some 50 where κ does by 1e-9 of itself, and fits
-    end among the luckiest of such points, 16 sd of the smooth covariance from the true κ."""
-    found, truth = _nothing_hidden(tmp_path, "10-nothing-1")
-    J, off = found.jacobian, np.abs(found.point - truth)
-    assert (off / np.sqrt(np.diag(np.linalg.inv(J.T @ J)))).max() > 8.0
-    # 3.5 sd fail by chance once in 500, of four unknowns; and κ is still known to a part in a thousand.
-    deviations = np.sqrt(np.diag(found.covariance))
-    assert np.all(off < 3.5 * deviations) and deviations[found.likelihood.names.index("kappa")] < 1e-3
-
-
-def test_jumps_once_known_leave_a_density_that_can_be_sampled(tmp_path):
-    """Over its own posterior the log density then departs from a normal one by a few at most, where without it departs
-    by a hundred, so that no walker leaves the luckiest point; and the truth lies within errors that are far smaller."""
-    found, truth = _nothing_hidden(tmp_path, "10-nothing-1")
-    plain = found.likelihood
-    known, mode = with_jumps(plain, mode_at(plain, found.point, found.jacobian))
-    normal = np.random.default_rng(0).standard_normal((32, len(truth)))
-    points = mode.point + normal @ np.linalg.cholesky(mode.covariance).T
-    rugged, smooth = (
-        np.std(one.log_densities(points)[:, 0] + 0.5 * np.sum(normal**2, axis=1)) for one in (plain, known)
-    )
-    assert smooth < 8.0 < 40.0 < rugged
-    deviations = np.sqrt(np.diag(mode.covariance))
-    # 3.5 sd fail by chance once in 500.
-    assert np.all(np.abs(mode.point - truth) < 3.5 * deviations)
-    place = plain.names.index("kappa")
-    assert deviations[place] < 0.6 * np.sqrt(found.covariance[place, place])
-
-
-def test_two_bobs_have_no_order_to_flip(tmp_path):
-    found, _ = _nothing_hidden(tmp_path, "00-nothing-2")
-    mode = mode_at(found.likelihood, found.point, found.jacobian)
-    assert with_jumps(found.likelihood, mode) == (found.likelihood, mode)
-
-
-def test_where_readings_are_smooth_nothing_is_added(tmp_path):
-    """Two bobs, and one of whom k_f says nothing."""
-    for name in ("00-nothing-2", "00-nothing-7"):
-        found, _ = _nothing_hidden(tmp_path / name, name)
-        J = found.jacobian
-        smooth = np.sqrt(np.diag(np.linalg.pinv(J.T @ J)))
-        # What bends in the third order adds least where the data are good; 1 % of an sd would change no figure.
-        np.testing.assert_allclose(np.sqrt(np.diag(found.covariance)), smooth, rtol=1e-2)
-
-
-def _nothing_hidden(folder, name: str) -> tuple[Fitted, np.ndarray]:
-    """A null case of the study, its model fitted to everything; and the truth, (D,)."""
-    folder.mkdir(exist_ok=True)
-    apparatus = Apparatus(next(case for case in cases([int(name[:2])]) if case.name == name))
-    experiment = Experiment.load(apparatus.write(folder, apparatus.record([], True)))
-    searcher = Searcher(Store(None, ""), 0, None)
-    found = searcher.on_everything(searcher.globally(with_known_noise(experiment)))
-    truth = {**apparatus.truth, "release_angle_error@1": apparatus.angle - apparatus.lifted}
-    return found, placed(found.likelihood, truth)

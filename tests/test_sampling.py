@@ -38,7 +38,7 @@ def chains(folder, steps, seed=3):
     checkpoint = Checkpoint(folder / "chain.h5", likelihood, seed)
     if not checkpoint.exists():
         # Off centre and half as wide: the proposals must not need a good mode to be exact.
-        checkpoint.begin(Mode(np.array([0.5, -0.5]), 0.25 * np.eye(2), 0.0))
+        checkpoint.begin(Mode(np.array([0.5, -0.5]), 0.25 * np.eye(2), 0.0), [])
     verdict = sample(likelihood, checkpoint, steps=steps, max_steps=20000, progress=quiet)
     return verdict, checkpoint.read()
 

@@ -10,10 +10,11 @@ import numpy as np
 
 from cradle_env.cradle import Cradle
 from identification.experiment import Experiment
-from identification.fit import training_rows, unit
+from identification.fit import mode_at, training_rows, unit
+from identification.jumps import widened
 from identification.likelihood import Likelihood, rms
 from identification.noise import estimated_noise, noise_of
-from identification.rough import broad_jacobian, of_jumps
+from identification.rough import broad_jacobian
 
 #: Directions that the readings hold less than this share of, of the best known one, count as not seen at all.
 _RANK = 1e-9
@@ -106,12 +107,9 @@ class Fitted:
 
     @functools.cached_property
     def covariance(self) -> np.ndarray:
-        """Laplace covariance of the point, and what jumps of the readings add to it; (D, D)."""
-        J, widths = self.jacobian, []
-        for u in self.likelihood.unknowns:
-            widths.append(5.0 if u.log else min(u.high - u.low, 10.0 * max(u.search, abs(u.start), 1e-3)))
-        smooth = np.linalg.inv(J.T @ J + np.diag(1.0 / np.array(widths) ** 2))
-        return smooth + of_jumps(self.likelihood, self.point, J, smooth)
+        """Laplace covariance of the point, widened by jumps of the readings; (D, D)."""
+        smooth = mode_at(self.likelihood, self.point, self.jacobian).covariance
+        return widened(self.likelihood, self.point, self.jacobian, smooth)
 
     def gap(self, rows: list[np.ndarray]) -> float:
         """RMS over the noise of model less data in rows (T,) of each run; nan where there are none."""

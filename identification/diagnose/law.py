@@ -174,18 +174,18 @@ def _free(
     likelihood = searcher.likelihood(extended(experiment, scales, terms))
     key = fit_key("law", experiment, experiment.digest, scales, [term.name for term in terms], fitted.point.tolist())
 
-    rough = experiment.cradle.bobs > 1
+    meet = experiment.cradle.bobs > 1
 
     def find() -> np.ndarray:
         # All that a linear model found at once may throw a long run out of step, where part of it does not.
-        parts = _PARTS if rough else _PARTS[:1]
+        parts = _PARTS if meet else _PARTS[:1]
         starts = [
             placed(likelihood, {**fitted.values, **values, **{term.name: part * values[term.name] for term in new}})
             for part in parts
         ]
         costs = in_threads(lambda z: cost(likelihood, z), starts, likelihood.workers)
         point = refine(likelihood, starts[int(np.argmin(costs))], _EVALUATIONS)[0]
-        return polish(likelihood, point) if rough else point
+        return polish(likelihood, point) if meet else point
 
     return Fitted(likelihood, searcher.store.point(key, find))
 
