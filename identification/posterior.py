@@ -18,7 +18,7 @@ from cradle_env.simulation import simulate_batch
 from cradle_env.synchronization import WINDOW
 from identification.experiment import Experiment
 from identification.likelihood import STEP_FACTOR, Likelihood, lifted_further
-from identification.unknowns import Unknown
+from identification.unknowns import SEARCH, Unknown
 
 FORMAT = "cradle-posterior/1"
 # Draws over which λ is simulated where it did not come with the likelihood.
@@ -262,7 +262,7 @@ class Posterior:
             for name, text in json.loads(posterior.attrs["experiment"]).items():
                 (Path(folder) / name).write_text(text, encoding="utf-8")
             experiment = Experiment.load(Path(folder) / "experiment.toml")
-        likelihood = Likelihood(experiment, workers=workers)
+        likelihood = Likelihood(experiment, workers=workers, parameters=[name for name in SEARCH if name in posterior])
         W = int(posterior.attrs["walkers"])
 
         def shaped(values: np.ndarray) -> np.ndarray:

@@ -33,7 +33,7 @@ FIELDS = {
 #: Without a prior, a positive unknown is uniform in its logarithm, this factor either way of its starting value.
 _FACTOR = {"k_f": 1000.0, "kappa": 10.0, "b": 100.0}
 #: Width of the global search in the logarithm: stated values are good to some tens of percent, b to a factor.
-_SEARCH = {"k_f": 0.25, "kappa": 0.15, "b": 0.5}
+SEARCH = {"k_f": 0.25, "kappa": 0.15, "b": 0.5}
 
 
 @dataclass(frozen=True)
@@ -84,11 +84,11 @@ def model_unknowns(experiment: Experiment, parameters: Sequence[str] | None = No
     """
     cradle = experiment.cradle
     for name in parameters or ():
-        if name not in _SEARCH:
-            raise ValueError(unknown_key("parameter", name, _SEARCH) + "; others go into [infer] with a prior")
+        if name not in SEARCH:
+            raise ValueError(unknown_key("parameter", name, SEARCH) + "; others go into [infer] with a prior")
         if not matters(cradle, name):
             raise ValueError(f"{name} cannot matter in this model and is not inferred; leave it out")
-    names = [name for name in (_SEARCH if parameters is None else parameters) if matters(cradle, name)]
+    names = [name for name in (SEARCH if parameters is None else parameters) if matters(cradle, name)]
     names += [name for name in experiment.infer if "." not in name and name not in names]
     unknowns = [_field_unknown(cradle, name, experiment.infer.get(name)) for name in names]
     chosen = [*experiment.unknown_effect_parameters]
@@ -116,7 +116,7 @@ def _field_unknown(cradle: Cradle, name: str, prior: Prior | None) -> Unknown:
     factor = _FACTOR[name]
     start = max(start, 1e-6)
     return Unknown(
-        name, unit, symbol, start, low=start / factor, high=start * factor, log=True, search=_SEARCH[name]
+        name, unit, symbol, start, low=start / factor, high=start * factor, log=True, search=SEARCH[name]
     )  # fmt: skip
 
 

@@ -7,9 +7,11 @@ import pytest
 from scipy.stats import multivariate_normal, norm
 
 from cradle_env import Cradle, Release, simulate
+from identification.calibration import calibrate
 from identification.experiment import Experiment
 from identification.fit import find_mode
 from identification.likelihood import Jumps, Likelihood, lifted_further
+from identification.posterior import Posterior
 from identification.runs import ReleaseInfo, Run
 from tests.independent.soft_contact import SoftCradle, simulate_soft
 
@@ -104,3 +106,11 @@ def test_what_cannot_matter_is_left_out():
         Likelihood(Experiment(Cradle(bobs=1, model="pendulum"), (run,)), parameters=("kappa",))
     with pytest.raises(ValueError, match="did you mean 'kappa'"):
         Likelihood(experiment(), parameters=("kapa",))
+
+
+def test_some_of_the_parameters_are_inferred_alone(tmp_path):
+    posterior = calibrate(experiment(seconds=3.0), ["b"], steps=50)
+    assert posterior.likelihood.names == ["b", "release_angle_error@1"]
+    loaded = Posterior.load(posterior.save(tmp_path / "posterior.nc"))
+    assert loaded.likelihood.names == posterior.likelihood.names
+    np.testing.assert_allclose(loaded.chain, posterior.chain, rtol=1e-12)
