@@ -17,10 +17,11 @@ from identification.diagnose.candidates import candidates, starts
 from identification.diagnose.decide import coloured
 from identification.diagnose.diagnosis import VERDICTS, Interval, effect_parameters
 from identification.diagnose.fitted import Fitted
+from identification.diagnose.foretold import allowed_gap
 from identification.diagnose.locate import locate, log_tail
-from identification.diagnose.report import save
+from identification.diagnose.report import save, sentence
 from identification.diagnose.score import family_p, score
-from identification.diagnose.search import Searcher, Store
+from identification.diagnose.search import Searcher, Store, finished
 from identification.likelihood import Likelihood
 from identification.unknowns import with_value
 from tests.independent.laboratory import record, write_experiment
@@ -80,6 +81,32 @@ def test_the_hidden_effect_is_named_and_the_gap_closes(diagnosed):
         assert abs(content["parameters"][name]["median"] - value) < 1.0 * (high - low)
 
 
+def test_a_right_model_leaves_what_is_allowed_and_a_wrong_one_more(diagnosed):
+    # Noise alone, of 640 readings, allows 1.065; c2 and b, which only their sum holds, the more.
+    assert max(diagnosed.gap_last, 1.065) < diagnosed.gap_allowed < 2.0
+    assert diagnosed.gap_first > allowed_gap(diagnosed.base)
+    content = diagnosed.content()
+    assert "departs" not in sentence(content)
+    assert "departs more than noise" in sentence({**content, "gap_last": 3.0})
+
+
+def test_one_right_model_in_a_hundred_leaves_more_than_allowed(tmp_path):
+    """Fitted to 4 s of one bob, 2 s of it held out, where what is open of κ and b counts as much as the noise."""
+    cradle = SoftCradle(1, **{key: TRUTH[key] for key in ("kappa", "b")})
+    beyond, spreads = 0, []
+    for seed in range(30):
+        recording = record(cradle, {1: 0.228}, duration=6.0, seed=seed)
+        path = write_experiment(tmp_path / str(seed), [recording], release={"angle_sd": 0.01})
+        likelihood = Searcher(Store(None, ""), 0, None).likelihood(Experiment.load(path))
+        fitted = Fitted(likelihood, finished(likelihood, likelihood.start()))
+        allowed = allowed_gap(fitted)
+        beyond += fitted.held_out_gap() > allowed
+        spreads.append(allowed)
+    assert beyond <= 3  # of 30: by chance once in 3000
+    # Noise alone, of 120 readings, allows 1.15: something is open, and not everything.
+    assert 1.15 < np.median(spreads) < 2.0
+
+
 def test_the_scores_predict_what_refits_gain(diagnosed):
     first = next(s for s in diagnosed.repaired.examined[0].scored.scores if s.candidate.name == "quadratic_drag")
     refit = next(r for r in diagnosed.repaired.decisions[0].refits if r.candidate.name == "quadratic_drag")
@@ -90,7 +117,8 @@ def test_files_of_a_diagnosis(diagnosed, tmp_path):
     content = save(diagnosed, tmp_path)
     read = json.loads((tmp_path / "diagnosis.json").read_text(encoding="utf-8"))
     assert read["format"] == "cradle-diagnosis/1" and read["verdict"] in VERDICTS
-    assert {"verdict", "where", "steps", "equivalent", "gap_first", "gap_last", "remainder", "advice"} <= set(read)
+    assert {"verdict", "where", "steps", "equivalent", "gap_first", "gap_last", "gap_allowed", "remainder"} <= set(read)
+    assert {"unseen", "advice"} <= set(read)
     assert {"run", "bob", "t", "phase", "statistic", "p"} == set(read["where"][0])
     assert {"significant", "p", "described"} <= set(read["remainder"])
     assert read["inputs"] == diagnosed.experiment.digest and read["seed"] == 0 and read["version"]

@@ -12,6 +12,7 @@ from cradle_env.cradle import Cradle
 from cradle_env.effects import LEARNED
 from identification.diagnose.advise import Advice
 from identification.diagnose.fitted import Fitted
+from identification.diagnose.foretold import allowed_gap
 from identification.diagnose.intervals import Interval, intervals
 from identification.diagnose.law import Law
 from identification.diagnose.law_shape import Shape, terms_of
@@ -91,6 +92,11 @@ class Diagnosis:
         return self.last.held_out_gap()
 
     @functools.cached_property
+    def gap_allowed(self) -> float:
+        """The held-out gap up to which the repaired model, if it is right, may well come."""
+        return allowed_gap(self.last)
+
+    @functools.cached_property
     def parameters(self) -> dict[str, Interval]:
         """Unknowns of the repaired model, by name."""
         return intervals(self.final)
@@ -141,6 +147,7 @@ class Diagnosis:
             "equivalent": [list(names) for names in self.equivalent],
             "gap_first": self.gap_first,
             "gap_last": self.gap_last,
+            "gap_allowed": self.gap_allowed,
             "remainder": {
                 "significant": last.significant,
                 "p": last.p,

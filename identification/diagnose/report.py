@@ -49,7 +49,9 @@ def html(diagnosis: Diagnosis, content: Mapping[str, Any]) -> str:
         diagnosis.experiment,
         content=content,
         sentence=sentence(content),
-        good=content["verdict"] in ("nothing_missing", "named") and not content["remainder"]["significant"],
+        good=content["verdict"] in ("nothing_missing", "named")
+        and not content["remainder"]["significant"]
+        and not _departs(content),
         declared={name: effect(name) for name in dict.fromkeys(named)},
         base=_rows(diagnosis, diagnosis.base.values),
         last=_intervals(diagnosis),
@@ -57,7 +59,7 @@ def html(diagnosis: Diagnosis, content: Mapping[str, Any]) -> str:
             {**step, "probability": _probability(step["probability"]), **{k: ratio(step[k]) for k in _GAPS}}
             for step in content["steps"]
         ],
-        gaps={key: ratio(content[key]) for key in ("gap_first", "gap_last")},
+        gaps={key: ratio(content[key]) for key in ("gap_first", "gap_last", "gap_allowed")},
         scores=[
             {**row, **{key: _digits(row[key]) for key in ("predicted_delta_chi2", "p", "delta_chi2", "log_evidence")},
              "gap": ratio(row["gap"])}
@@ -123,17 +125,30 @@ def sentence(content: Mapping[str, Any]) -> str:
     names = ", ".join(step["effect"] for step in content["steps"])
     gaps = f"the held-out gap goes from {ratio(content['gap_first'])} to {ratio(content['gap_last'])}"
     left = content["remainder"]
+    departs = (
+        f" What was held out departs more than noise and what is open of the unknowns allow (at most"
+        f" {ratio(content['gap_allowed'])}): something else is missing, or stands behind what was found."
+        if _departs(content)
+        else ""
+    )
     rest = f" Something is still left (p = {_digits(left['p'])}): {left['described']}." if left["significant"] else ""
     if content["verdict"] == "nothing_missing":
-        return f"Nothing is missing: what the model leaves is noise (held-out gap {ratio(content['gap_first'])})."
+        return (
+            f"Nothing is missing: what the model leaves is noise (held-out gap {ratio(content['gap_first'])}).{departs}"
+        )
     if content["verdict"] == "named":
-        return f"Missing from the model: {names}; with it, {gaps}.{rest}"
+        return f"Missing from the model: {names}; with it, {gaps}.{rest}{departs}"
     if content["verdict"] == "equivalent":
         sets = " or ".join(" with ".join(members) for members in content["equivalent"])
         certain = f"Missing from the model: {names}, and besides" if names else "Missing from the model:"
-        return f"{certain} one of {sets}, which these data cannot tell apart; {gaps}.{rest}"
+        return f"{certain} one of {sets}, which these data cannot tell apart; {gaps}.{rest}{departs}"
     law = "" if left["law"] is None else f" With a law learned from the data, {gaps}."
     return f"Something is missing, and it is no effect of the catalogue.{law}{rest}"
+
+
+def _departs(content: Mapping[str, Any]) -> bool:
+    """Whether the repaired model fails on what was held out."""
+    return content["gap_last"] > content["gap_allowed"]
 
 
 def _digits(value: float | None) -> str:
