@@ -3,6 +3,7 @@
 import dataclasses
 import math
 
+import h5py
 import numpy as np
 import pytest
 
@@ -113,6 +114,15 @@ def test_chains_of_other_data_are_refused(tmp_path):
     other.experiment = dataclasses.make_dataclass("Digest", ["digest"])("other")
     with pytest.raises(ValueError, match="other data"):
         Checkpoint(tmp_path / "chain.h5", other, 0).exists()
+
+
+def test_chains_that_know_nothing_of_jumps_are_refused(tmp_path):
+    """As calibrations of before wrote them."""
+    chains(tmp_path, 60)
+    with h5py.File(tmp_path / "chain.h5", "a") as file:
+        del file["jumps"]
+    with pytest.raises(ValueError, match=r"chain\.h5: not a chain that can be resumed .*; remove it"):
+        Checkpoint(tmp_path / "chain.h5", Gaussian(), 0).exists()
 
 
 def test_a_half_written_stretch_is_ignored(tmp_path):
