@@ -4,10 +4,11 @@ import math
 
 import pytest
 
-from identification import Experiment, diagnose
+from identification import Experiment
 from identification.diagnose.candidates import with_effects
+from identification.diagnose.diagnosis import Diagnosis
 from identification.diagnose.fitted import with_known_noise
-from identification.diagnose.repair import examine
+from identification.diagnose.repair import Repaired, examine
 from identification.diagnose.search import Searcher, Store
 from identification.diagnose.unseen import unseen
 from tests.independent.laboratory import record, write_experiment
@@ -62,8 +63,11 @@ def test_limits_are_those_of_fits(plain, name):
 def test_nothing_is_said_of_data_that_the_model_does_not_describe(tmp_path):
     cradle = SoftCradle(1, stiffness_factor=1e6, effects={"smooth_friction": {"tau_c": 1e-3}}, kappa=190.0, b=B)
     recording = record(cradle, {1: 0.3}, duration=24.0, seed=3, noise=3e-4)
-    found = diagnose(Experiment.load(write_experiment(tmp_path, [recording], stated={"b": 0.0023})))
-    assert found.verdict == "unknown" and found.unseen == () and found.content()["unseen"] == []
+    experiment = with_known_noise(Experiment.load(write_experiment(tmp_path, [recording], stated={"b": 0.0023})))
+    found = examine(Searcher(Store(None, ""), 0, None).globally(experiment), 0, (False,))
+    nothing_helped = Repaired((found,), (), (), (), (), found, None)
+    diagnosis = Diagnosis(experiment, nothing_helped, found.fitted, None, 0)
+    assert diagnosis.verdict == "unknown" and diagnosis.unseen == ()
 
 
 def test_of_what_they_do_not_see_data_say_nothing(tmp_path):
