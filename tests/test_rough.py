@@ -67,9 +67,8 @@ def test_far_above_the_noise_its_size_is_of_no_matter(tmp_path):
         own = Searcher(Store(None, ""), 0, None).likelihood(dataclasses.replace(experiment, runs=runs))
         ends.append(polish(own, own.start()))
         assert cost(own, ends[-1]) > 10.0 * len(own.residuals(ends[-1]))
-        derivatives.append(
-            broad_jacobian(own, ends[0], own.residuals(ends[0]))[:-1] * noise
-        )  # the last is the prior's of the release
+        J = broad_jacobian(own, ends[0], own.residuals(ends[0]))
+        derivatives.append(J[:-1] * noise)  # the last row is the prior's of the release
     np.testing.assert_allclose(ends[0], ends[1], rtol=1e-4)
     # Over widths ten times smaller they differ by 1e-5 of their size and more.
     scale = np.abs(derivatives[0]).max(axis=0)

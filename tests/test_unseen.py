@@ -67,7 +67,7 @@ def test_nothing_is_said_of_data_that_the_model_does_not_describe(tmp_path):
     found = examine(Searcher(Store(None, ""), 0, None).globally(experiment), 0, (False,))
     nothing_helped = Repaired((found,), (), (), (), (), found, None)
     diagnosis = Diagnosis(experiment, nothing_helped, found.fitted, None, 0)
-    assert diagnosis.verdict == "unknown" and diagnosis.unseen == ()
+    assert diagnosis.verdict == "unknown" and diagnosis.unseen == () and diagnosis.content()["unseen"] == []
 
 
 def test_of_what_they_do_not_see_data_say_nothing(tmp_path):

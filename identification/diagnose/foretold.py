@@ -10,6 +10,7 @@ from cradle_env.simulation import SimulationError, in_threads
 from identification.diagnose.decide import ALPHA, coloured
 from identification.diagnose.fitted import Fitted
 from identification.fit import bounds, training_rows
+from identification.likelihood import Likelihood
 
 #: Points drawn of what the fit leaves open, and draws of noise for each.
 _POINTS, _NOISES = 64, 200
@@ -18,32 +19,23 @@ _POINTS, _NOISES = 64, 200
 def allowed_gap(fitted: Fitted) -> float:
     """The held-out gap that a right model passes by chance once in a hundred times: by noise, and by what the readings
     that were fitted leave open of the unknowns. nan where nothing was held out."""
-    likelihood, held = fitted.likelihood, training_rows(fitted.experiment)[1]
-
-    def predicted(point: np.ndarray) -> np.ndarray:
-        parts = []
-        for k, run in enumerate(fitted.experiment.runs):
-            if held[k].any():
-                seen = ~np.isnan(run.readings[held[k]])
-                parts.append((likelihood.predict(point, k, held[k])[0] / likelihood.noise[k])[seen])
-        return np.concatenate(parts) if parts else np.empty(0)
-
-    at_mode, inflation = predicted(fitted.point), coloured(fitted)[0]
-    if len(at_mode) == 0:
+    held = Likelihood(fitted.experiment, training_rows(fitted.experiment)[1], fitted.likelihood.workers)
+    R = held.parts()[-1].stop
+    if R == 0:
         return math.nan
+    at_mode, inflation = held.residuals(fitted.point)[:R], coloured(fitted)[0]
     rng = np.random.default_rng(0)
     drawn = rng.multivariate_normal(np.zeros(len(fitted.point)), inflation * fitted.covariance, _POINTS)
 
     def departure(step: np.ndarray) -> float:
         """In χ²; where no run is possible, as the truth cannot be, nan."""
         try:
-            return float(np.sum((predicted(np.clip(fitted.point + step, *bounds(likelihood))) - at_mode) ** 2))
+            return float(np.sum((held.residuals(np.clip(fitted.point + step, *bounds(held)))[:R] - at_mode) ** 2))
         except (SimulationError, ValueError):
             return math.nan
 
-    departures = np.array(in_threads(departure, list(drawn), likelihood.workers))
+    departures = np.array(in_threads(departure, list(drawn), held.workers))
     departures = departures[np.isfinite(departures)][:, None]
     # χ² of noise beside a departure d: R + d², with variance 2 R c + 4 d² c.
-    R = len(at_mode)
     scatter = np.sqrt(inflation * (2.0 * R + 4.0 * departures)) * rng.standard_normal((len(departures), _NOISES))
     return math.sqrt(float(np.quantile(R + departures + scatter, 1.0 - ALPHA)) / R)

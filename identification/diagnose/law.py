@@ -173,7 +173,6 @@ def _free(
     would bend terms to its drift."""
     likelihood = searcher.likelihood(extended(experiment, scales, terms))
     key = fit_key("law", experiment, experiment.digest, scales, [term.name for term in terms], fitted.point.tolist())
-
     meet = experiment.cradle.bobs > 1
 
     def find() -> np.ndarray:
