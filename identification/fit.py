@@ -13,8 +13,9 @@ from cradle_env.simulation import SimulationError, in_threads
 from identification.experiment import Experiment
 from identification.likelihood import Likelihood, rms
 
-#: Points drawn over the search box, how many of them are refined on the early data, and on all data.
-_DRAWS, _REFINED, _FINISHED = 120, 5, 2
+#: Points drawn over the search box; in how many slices of κ, from each of which the best is refined on the early data;
+#: how many of the modes found there are refined on all data.
+_DRAWS, _SLICES, _FINISHED = 240, 12, 2
 #: The early data, in small-angle periods: over them the misfit is nearly convex in the stiffness of the strings.
 _EARLY_PERIODS = 8.0
 #: Relative steps of κ at which its shallow modes, 1–2 % apart, are looked for around the best point.
@@ -48,15 +49,16 @@ def find_mode(likelihood: Likelihood, seed: int = 0, progress: Progress | None =
     starts = np.clip(starts, *bounds(likelihood))
     tell("search", 0.0, f"{_DRAWS} points")
     costs = np.array(in_threads(lambda z: cost(early, z), list(starts), likelihood.workers))
-    best = starts[np.argsort(costs)[:_REFINED]]
-    refined = []
-    for k, point in enumerate(best):
-        tell("search", (k + 1) / (_REFINED + _FINISHED + 2), "refining on the early data")
-        refined.append(refine(early, point, 15))
+    refined: list[tuple[np.ndarray, float]] = []
+    for k, i in enumerate(_best_of_slices(likelihood, starts, costs)):
+        tell("search", (k + 1) / (_SLICES + _FINISHED + 2), "refining on the early data")
+        point, least = refine(early, starts[i], 15)
+        if all(abs(least - other) > 1e-2 for _, other in refined):
+            refined.append((point, least))
     refined.sort(key=lambda pair: pair[1])
     finished = []
     for k, (point, _) in enumerate(refined[:_FINISHED]):
-        tell("search", (_REFINED + k + 1) / (_REFINED + _FINISHED + 2), "refining on all data")
+        tell("search", (_SLICES + k + 1) / (_SLICES + _FINISHED + 2), "refining on all data")
         finished.append(refine(likelihood, point, 20))
     point, least = min(finished, key=lambda pair: pair[1])
     if not math.isfinite(least):
@@ -67,6 +69,16 @@ def find_mode(likelihood: Likelihood, seed: int = 0, progress: Progress | None =
     _reweigh(likelihood, point)
     point = refine(likelihood, point, 40)[0]
     return mode_at(likelihood, point, jacobian(likelihood, point, likelihood.residuals(point)))
+
+
+def _best_of_slices(likelihood: Likelihood, starts: np.ndarray, costs: np.ndarray) -> list[int]:
+    """Which of the starts (K, D) is the best in each slice of κ, the best slice first: modes in κ are narrow, and the
+    other unknowns count for more in a draw. Without κ, the best of all."""
+    order = np.argsort(costs)
+    if "kappa" not in likelihood.names:
+        return [int(i) for i in order[:_SLICES]]
+    slices = np.array_split(np.argsort(starts[:, likelihood.names.index("kappa")]), _SLICES)
+    return sorted((int(some[np.argmin(costs[some])]) for some in slices), key=lambda i: costs[i])
 
 
 def _reweigh(likelihood: Likelihood, point: np.ndarray) -> None:

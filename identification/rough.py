@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -22,9 +23,12 @@ from identification.likelihood import Likelihood
 _APART, _ATTEMPTS, _WIDEST, _SPREAD = 5.0, 8, 1e3, 2.0
 #: Damping, relative to what the readings say of an unknown, and lengths of the steps tried; rounds at most, and the
 #: gain in χ², over what a reading leaves, from which another is worth it.
-_DAMPINGS, _LENGTHS, _ROUNDS, _GAIN = (0.0, 1e-2, 1e-1), (1.0, 0.5, 0.2), 8, 0.5
+_DAMPINGS, _LENGTHS, ROUNDS, _GAIN = (0.0, 1e-2, 1e-1), (1.0, 0.5, 0.2), 8, 0.5
 #: Steps along single principal directions that are tried besides, in standard deviations.
 _STRIDES = (3.0, 10.0, 30.0)
+#: Where the shortest of them leave a χ² so far from what the derivatives foretell, over what a reading leaves, random
+#: steps are tried: so many at a time, up to so many standard deviations long, until so many times in a row miss.
+_ROUGH, _SCATTERED, _FARTHEST, _MISSES = 10.0, 48, 100.0, 4
 
 
 def broad_jacobian(
@@ -78,7 +82,7 @@ def _between(likelihood: Likelihood, point: np.ndarray, step: np.ndarray, length
     return (change - safe_residuals(likelihood, point - below * step, length)) / max(above + below, 1e-12)
 
 
-def polish(likelihood: Likelihood, point: np.ndarray, rounds: int = _ROUNDS) -> np.ndarray:
+def polish(likelihood: Likelihood, point: np.ndarray, rounds: int = ROUNDS) -> np.ndarray:
     """Where steps by the broad derivatives lead from a point, on and on while χ² falls; (D,)."""
     widths = _WIDEST * steps(likelihood)
     for _ in range(rounds):
@@ -86,16 +90,47 @@ def polish(likelihood: Likelihood, point: np.ndarray, rounds: int = _ROUNDS) -> 
         least = float(np.sum(residuals**2))
         worth = unit(least, len(residuals))
         J = broad_jacobian(likelihood, point, residuals, widths)
-        for moves in (descents(J, residuals), _strides(J, math.sqrt(worth))):
-            tried = [np.clip(point + move, *bounds(likelihood)) for move in moves]
-            costs = in_threads(lambda z: cost(likelihood, z), tried, likelihood.workers)
-            best = int(np.argmin(costs))
-            if better := costs[best] < least - _GAIN * worth:
-                point = tried[best]
-                break
-        if not better:
+        deviations = _deviations(J, math.sqrt(worth))
+        enough = least - _GAIN * worth
+        moved, reached, _ = _nearest(likelihood, point, descents(J, residuals))
+        if reached >= enough:
+            strides = [sign * stride * one for stride in _STRIDES for one in deviations for sign in (1.0, -1.0)]
+            moved, reached, costs = _nearest(likelihood, point, strides)
+            short = 2 * len(deviations)
+            foretold = [float(np.sum((residuals + J @ stride) ** 2)) for stride in strides[:short]]
+            if reached >= enough and np.median(np.abs(costs[:short] - foretold)) > _ROUGH * worth:
+                moved, reached = _scattered(likelihood, point, least, deviations, worth)
+        if reached >= enough:
             break
+        point = moved
     return point
+
+
+def _nearest(
+    likelihood: Likelihood, point: np.ndarray, moves: Sequence[np.ndarray]
+) -> tuple[np.ndarray, float, np.ndarray]:  # fmt: skip
+    """(point (D,), χ²) of the best of several moves, and χ² of all."""
+    tried = [np.clip(point + move, *bounds(likelihood)) for move in moves]
+    costs = np.array(in_threads(lambda z: cost(likelihood, z), tried, likelihood.workers))
+    best = int(np.argmin(costs))
+    return tried[best], float(costs[best]), costs
+
+
+def _scattered(
+    likelihood: Likelihood, point: np.ndarray, least: float, deviations: np.ndarray, worth: float
+) -> tuple[np.ndarray, float]:  # fmt: skip
+    """(point (D,), χ²) to which random steps lead, on and on while χ² falls: over a misfit that jumps up and down by
+    more than it falls on the way, no derivative leads."""
+    rng, misses = np.random.default_rng(0), 0
+    while misses < _MISSES:
+        lengths = np.exp(rng.uniform(0.0, math.log(_FARTHEST), (_SCATTERED, 1)))
+        moves = lengths * rng.standard_normal((_SCATTERED, len(deviations))) @ deviations
+        moved, reached, _ = _nearest(likelihood, point, list(moves))
+        if reached < least - _GAIN * worth:
+            point, least, misses = moved, reached, 0
+        else:
+            misses += 1
+    return point, least
 
 
 def descents(J: np.ndarray, residuals: np.ndarray) -> list[np.ndarray]:
@@ -108,13 +143,12 @@ def descents(J: np.ndarray, residuals: np.ndarray) -> list[np.ndarray]:
     return moves
 
 
-def _strides(J: np.ndarray, sigma: float) -> list[np.ndarray]:
-    """Steps along single principal directions, to both sides, (D,) each: along a ridge the next mode may lie some
-    standard deviations further, with worse between."""
+def _deviations(J: np.ndarray, sigma: float) -> np.ndarray:
+    """Standard deviations along the principal directions, (D, D), one row each: along a ridge the next mode may lie
+    some of them further, with worse between."""
     lengths = _lengths(J)
     squares, directions = np.linalg.eigh((J / lengths).T @ (J / lengths))
-    deviations = directions / np.sqrt(np.maximum(squares, 1e-9)) / lengths[:, None] * sigma
-    return [sign * stride * one for one, stride in itertools.product(deviations.T, _STRIDES) for sign in (1.0, -1.0)]
+    return (directions / np.sqrt(np.maximum(squares, 1e-9)) / lengths[:, None] * sigma).T
 
 
 def _lengths(J: np.ndarray) -> np.ndarray:

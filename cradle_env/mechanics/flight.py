@@ -41,8 +41,6 @@ _CROSSING = 1e-6
 _PART_TOLERANCE = 1e-10
 # After an event, the next point of the grid is passed over if it is nearer than this part of a step.
 _SHORTEST = 0.25
-# Steps per time scale of a resolved contact, which lasts 3.2 of them.
-_CONTACT_STEP = 1.0 / 16.0
 
 
 @part
@@ -98,7 +96,7 @@ def contact_step(cradle, bobs, S, lo, hi, h):
             v = blow_speed(cradle, bobs, p, gap, v_n)
             if v > 0.0:
                 m = 1.0 / (bobs[p].mobility + bobs[p + 1].mobility)
-                h = min(h, _CONTACT_STEP * (m / stiffness(cradle)) ** 0.4 * v**-0.2)
+                h = min(h, cradle.contact_step * (m / stiffness(cradle)) ** 0.4 * v**-0.2)
     return h
 
 

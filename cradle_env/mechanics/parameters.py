@@ -45,6 +45,7 @@ CRADLE = np.dtype(
         ("restitution", "f8"),  # constant e
         ("contact_scale", "f8"),  # contact_duration
         ("step", "f8"),  # of the integration grid, s
+        ("contact_step", "f8"),  # in time scales of a contact that is followed in time
         ("coupled", "i8"),  # 1: bobs act on each other at a distance, and move as one group
         ("attraction", "f8"),  # bob_attraction: force at touch, N, and its range, m
         ("attraction_range", "f8"),

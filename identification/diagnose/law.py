@@ -19,7 +19,7 @@ from scipy.stats import chi2
 from cradle_env.effects import LEARNED
 from cradle_env.simulation import SimulationError, in_threads
 from identification.diagnose.cut import windowed
-from identification.diagnose.decide import ALPHA, colour, coloured, log_evidence
+from identification.diagnose.decide import ALPHA, CLOSE, colour, coloured, log_evidence
 from identification.diagnose.fitted import Fitted
 from identification.diagnose.in_time import with_time
 from identification.diagnose.inner import EQUAL, inner
@@ -27,13 +27,15 @@ from identification.diagnose.search import Searcher, fit_key, placed
 from identification.diagnose.terms import Linear, Scales, Term, extended, library
 from identification.experiment import Experiment
 from identification.fit import Progress, cost, refine, training_rows
-from identification.rough import polish
+from identification.rough import ROUNDS, polish
 
 #: Terms at most; shares of their coefficients at which refits may start, and evaluations of these.
 _MOST, _PARTS, _EVALUATIONS = 10, (1.0, 0.5, 0.2, 0.05), 20
 #: How often more terms are sought in what a law leaves of the free run; the gap up to which a free run is in step with
 #: the data, so that terms may be chosen there at once.
 _ROUNDS, _SMALL = 3, 3.0
+#: Rounds over a rough misfit for an inner prediction, which only says whether a law is worth a fit to its end.
+_FEW = 2
 
 
 @dataclass(frozen=True, eq=False)
@@ -184,7 +186,7 @@ def _free(
         ]
         costs = in_threads(lambda z: cost(likelihood, z), starts, likelihood.workers)
         point = refine(likelihood, starts[int(np.argmin(costs))], _EVALUATIONS)[0]
-        return polish(likelihood, point) if meet else point
+        return polish(likelihood, point, ROUNDS if experiment is fitted.experiment else _FEW) if meet else point
 
     return Fitted(likelihood, searcher.store.point(key, find))
 
@@ -196,8 +198,21 @@ def advantage(law: Law, named: Fitted) -> float:
     rival = law.fitted
     inflation, effective = coloured(min((named, rival), key=lambda one: one.chi2))
     more = len(rival.point) - len(named.point)
-    evidence = log_evidence(named.chi2 - rival.chi2, more, inflation, effective)
-    return evidence - math.log(math.comb(len(library(rival.cradle)), len(law.terms)))
+    return log_evidence(named.chi2 - rival.chi2, more, inflation, effective) - _choice(rival, len(law.terms))
+
+
+def can_outdo(before: Fitted, named: Fitted) -> bool:
+    """Whether a law on a model could have the `advantage` over effects that leave nothing but noise: no longer by χ²,
+    only by having fewer unknowns than they."""
+    inflation, effective = coloured(named)
+    spared = len(named.point) - len(before.point)
+    several = range(1, _MOST + 1)
+    return CLOSE <= max(log_evidence(0.0, k - spared, inflation, effective) - _choice(before, k) for k in several)
+
+
+def _choice(fitted: Fitted, terms: int) -> float:
+    """What it costs in log evidence that a law was free to choose so many terms from its library."""
+    return math.log(math.comb(len(library(fitted.cradle)), terms))
 
 
 def scales_of(fitted: Fitted) -> Scales:

@@ -14,7 +14,7 @@ from identification.diagnose.candidates import Candidate, candidates, is_strengt
 from identification.diagnose.decide import ALPHA, CLOSE, Decision, coloured, decide, judged, log_evidence
 from identification.diagnose.fitted import Fitted
 from identification.diagnose.inner import predictions
-from identification.diagnose.law import Law, advantage, learn
+from identification.diagnose.law import Law, advantage, can_outdo, learn
 from identification.diagnose.locate import Located, locate, share
 from identification.diagnose.score import Scored, score
 from identification.diagnose.search import Searcher
@@ -169,7 +169,8 @@ def _outdoing(
     last = examined[-1]
     if not steps or (len(examined) == 2 and last.p > _SETTLED):
         return None
-    laws = [law for law in (learn(model.fitted, searcher, tell) for model in examined[:-1]) if law is not None]
+    models = [m.fitted for m in examined[:-1] if last.significant or can_outdo(m.fitted, last.fitted)]
+    laws = [law for law in (learn(model, searcher, tell) for model in models) if law is not None]
     over = [advantage(law, last.fitted) for law in laws]
     if not over or max(over) < CLOSE:
         return None

@@ -26,6 +26,8 @@ _FACTORS = (0.01, 0.1, 1.0, 3.0)
 #: How many starts are followed, by how many evaluations; how many of them to the end, by how many at most; and rounds
 #: over a rough misfit before a model is given up.
 _FOLLOWED, _FIRST, _KEPT, _LAST, _FEW = 3, 5, 2, 40, 2
+#: Searches from anywhere at most to make sure of a mode, and standard deviations of χ² that noise alone may leave.
+_ATTEMPTS, _NOISE = 3, 3.0
 #: Relative steps of κ about the best at which neighbouring modes are looked for, how many of them are followed, and
 #: how often.
 _TRIED, _CLIMBS = 4, 5
@@ -72,9 +74,14 @@ class Searcher:
         return self._better(Fitted(likelihood, self.store.point(key, find)))
 
     def settled(self, fitted: Fitted) -> Fitted:
-        """The best mode of a model again, with more effort: another search from anywhere, then the modes about what
-        is best by now, which may come from elsewhere."""
-        best = self.globally(fitted.experiment, attempt=1)
+        """The best mode of a model again, with more effort: more searches from anywhere until one leaves no more than
+        noise, for modes multiply with the bobs; then the modes about what is best by now, which may come from
+        elsewhere."""
+        best = fitted
+        for attempt in range(1, 1 + min(fitted.cradle.bobs, _ATTEMPTS)):
+            best = self.globally(fitted.experiment, attempt=attempt)
+            if best.chi2 < best.count + _NOISE * math.sqrt(2.0 * best.count):
+                break
         key = fit_key("settled", best.experiment, best.point.tolist())
         point = self.store.point(key, lambda: among_modes(best.likelihood, best.point))
         return self._better(Fitted(best.likelihood, point))
