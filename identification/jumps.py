@@ -53,7 +53,10 @@ def learned(likelihood: Likelihood, mode: Mode) -> tuple[Likelihood, Mode]:
     for _ in range(_STEPS):
         moves = descents(known.whitened(J), known.residuals(point))
         tried = [point, *(np.clip(point + move, *bounds(known)) for move in moves)]
-        point = tried[int(np.argmin(in_threads(lambda z: cost(known, z), tried, known.workers)))]
+        best = int(np.argmin(in_threads(lambda z: cost(known, z), tried, known.workers)))
+        if best == 0:
+            break
+        point = tried[best]
     return known, mode_at(known, point, known.whitened(J))
 
 

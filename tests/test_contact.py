@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 
 from cradle_env import Cradle, Release, contact_times, restitution_curve, simulate
+from cradle_env.mechanics.parameters import PROGRESS
+from cradle_env.simulation import SimulationError, prepare
 from identification.bench import scipy_peer
 from tests.independent.soft_contact import SoftCradle, simulate_soft
 
@@ -246,6 +248,26 @@ def test_contact_duration(bobs: int) -> None:
     assert difference(bobs, 0.0, "hysteretic", contact_duration={"scale": 1.0}) < 2e-5
     # Pressed bobs start without the 10 nm by which their weight compresses them: 3e-5 at N = 5.
     assert difference(bobs, -0.005, "hysteretic", contact_duration={"scale": 1.0}) < 1e-4
+
+
+def test_contacts_in_short_steps() -> None:
+    """Contacts take as much shorter steps as flights do, and thousands of them within a blow are no stall."""
+    cradle = Cradle(bobs=5, effects={"contact_duration": {"scale": 1.0}})
+    usual, short = (simulate(cradle, RELEASE, 3.0, 60.0, ledger=False, step_factor=f).theta for f in (1.0, 0.1))
+    assert np.abs(usual - short).max() < 5e-6  # 1.5e-6 by the first touch, where the force is a root
+
+
+def test_a_stall_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    """No cradle is known that stalls: here the clock that forgives events is stopped."""
+
+    def stopped(*given):
+        c, bobs, S, W = prepare(*given)
+        S[0, PROGRESS] = np.inf
+        return c, bobs, S, W
+
+    monkeypatch.setattr("cradle_env.simulation.prepare", stopped)
+    with pytest.raises(SimulationError, match=r"the run stopped at .* s of 600 s: more impacts at one instant"):
+        simulate(Cradle(bobs=5), RELEASE, 600.0)
 
 
 @pytest.mark.parametrize("scale", [0.1, 1.0, 3.0])

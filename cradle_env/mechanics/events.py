@@ -23,6 +23,7 @@ from cradle_env.mechanics.parameters import (
     END,
     EVENTS,
     FIRST,
+    GRID,
     IMPACTS,
     LAST,
     LINK,
@@ -88,7 +89,7 @@ def advance(cradle, bobs, table, S, W, until, times, motion, energy, impacts, co
             return DONE, count
         if len(impacts) - count < len(bobs):
             return FULL, count
-        S[0, EVENTS] += 1.0
+        S[0, EVENTS] += meeting <= end or S[bob, DUE] != GRID  # a step of any length is headway
         if now - S[0, PROGRESS] > _STALL_TIME:
             S[0, EVENTS], S[0, PROGRESS] = 0.0, now
         if S[0, EVENTS] > _STALL_EVENTS:
