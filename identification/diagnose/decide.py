@@ -80,8 +80,8 @@ def _predicts(fitted: Fitted, refit: Refit, searcher: Searcher) -> bool:
 
 
 def refitted(fitted: Fitted, scored: Scored, searcher: Searcher, tell: Progress) -> dict[Candidate, Fitted]:
-    """Fits of the model with each candidate worth it; then with each of them, and with what looks the same as the best,
-    from where the best has its mode."""
+    """Fits of the model with each candidate worth it; then with each of them, and with what looks the same as the best
+    or one near it, from where the best has its mode."""
     tried, fits = worth_refitting(scored), {}
     likely = {s.candidate: s.likely for s in scored.scores}
     for i, candidate in enumerate(tried):
@@ -94,8 +94,9 @@ def refitted(fitted: Fitted, scored: Scored, searcher: Searcher, tell: Progress)
     best = min(fits, key=lambda candidate: fits[candidate].chi2, default=None)
     if best is None:
         return fits
-    alike = next(s.parallel for s in scored.scores if s.candidate == best)
-    others, enough = list(dict.fromkeys([*fits, *alike])), _enough(fitted, fits[best].chi2)
+    enough = _enough(fitted, fits[best].chi2)
+    near = (s for s in scored.scores if s.candidate in fits and fits[s.candidate].chi2 <= enough)
+    others = list(dict.fromkeys([*fits, *(candidate for s in near for candidate in s.parallel)]))
     for i, candidate in enumerate(others):
         if candidate != best:
             tell("refit", 0.5 + 0.5 * i / len(others), candidate.label)
