@@ -13,9 +13,9 @@ from cradle_env.simulation import SimulationError, in_threads
 from identification.experiment import Experiment
 from identification.likelihood import Likelihood, rms
 
-#: Points drawn over the search box; in how many slices of κ, from each of which the best is refined on the early data;
-#: how many of the modes found there are refined on all data.
-_DRAWS, _SLICES, _FINISHED = 240, 12, 2
+#: Points drawn over the search box; refined on the early data are the best of each of so many slices of κ, and so many
+#: of the best of all; how far apart modes are in ln κ at least; how many of those found are refined on all data.
+_DRAWS, _SLICES, _BEST, _APART, _FINISHED = 240, 12, 6, 2e-3, 2
 #: The early data, in small-angle periods: over them the misfit is nearly convex in the stiffness of the strings.
 _EARLY_PERIODS = 8.0
 #: Relative steps of κ at which its shallow modes, 1–2 % apart, are looked for around the best point.
@@ -38,8 +38,8 @@ class Mode:
 
 
 def find_mode(likelihood: Likelihood, seed: int = 0, progress: Progress | None = None) -> Mode:
-    """The best mode: random draws over the search box scored on the early data, the best refined on it and then on
-    all data, and neighbouring values of κ tried around the winner."""
+    """The best mode: random draws over the search box scored on the early data, the best of all and of each slice of κ
+    refined on it, the modes so found on all data, and neighbouring values of κ tried around the winner."""
     tell = progress or (lambda *_: None)
     rng = np.random.default_rng(seed)
     early = Likelihood(likelihood.experiment, early_rows(likelihood), likelihood.workers, likelihood.parameters)
@@ -49,16 +49,15 @@ def find_mode(likelihood: Likelihood, seed: int = 0, progress: Progress | None =
     starts = np.clip(starts, *bounds(likelihood))
     tell("search", 0.0, f"{_DRAWS} points")
     costs = np.array(in_threads(lambda z: cost(early, z), list(starts), likelihood.workers))
-    refined: list[tuple[np.ndarray, float]] = []
-    for k, i in enumerate(_best_of_slices(likelihood, starts, costs)):
-        tell("search", (k + 1) / (_SLICES + _FINISHED + 2), "refining on the early data")
-        point, least = refine(early, starts[i], 15)
-        if all(abs(least - other) > 1e-2 for _, other in refined):
-            refined.append((point, least))
-    refined.sort(key=lambda pair: pair[1])
+    chosen = _worth_refining(likelihood, starts, costs)
+    parts = len(chosen) + _FINISHED + 2
+    refined = []
+    for k, i in enumerate(chosen):
+        tell("search", (k + 1) / parts, "refining on the early data")
+        refined.append(refine(early, starts[i], 15))
     finished = []
-    for k, (point, _) in enumerate(refined[:_FINISHED]):
-        tell("search", (_SLICES + k + 1) / (_SLICES + _FINISHED + 2), "refining on all data")
+    for k, point in enumerate(_distinct(likelihood, refined)[:_FINISHED]):
+        tell("search", (len(chosen) + k + 1) / parts, "refining on all data")
         finished.append(refine(likelihood, point, 20))
     point, least = min(finished, key=lambda pair: pair[1])
     if not math.isfinite(least):
@@ -71,14 +70,27 @@ def find_mode(likelihood: Likelihood, seed: int = 0, progress: Progress | None =
     return mode_at(likelihood, point, jacobian(likelihood, point, likelihood.residuals(point)))
 
 
-def _best_of_slices(likelihood: Likelihood, starts: np.ndarray, costs: np.ndarray) -> list[int]:
-    """Which of the starts (K, D) is the best in each slice of κ, the best slice first: modes in κ are narrow, and the
-    other unknowns count for more in a draw. Without κ, the best of all."""
-    order = np.argsort(costs)
+def _worth_refining(likelihood: Likelihood, starts: np.ndarray, costs: np.ndarray) -> list[int]:
+    """Which of the starts (K, D): the best of all, and the best in each slice of κ, whose modes are narrow while the
+    other unknowns count for more in a draw."""
+    best = np.argsort(costs)[:_BEST]
     if "kappa" not in likelihood.names:
-        return [int(i) for i in order[:_SLICES]]
+        return [int(i) for i in best]
     slices = np.array_split(np.argsort(starts[:, likelihood.names.index("kappa")]), _SLICES)
-    return sorted((int(some[np.argmin(costs[some])]) for some in slices), key=lambda i: costs[i])
+    return list(dict.fromkeys([*map(int, best), *(int(some[np.argmin(costs[some])]) for some in slices)]))
+
+
+def _distinct(likelihood: Likelihood, refined: list[tuple[np.ndarray, float]]) -> list[np.ndarray]:
+    """The points (D,) of several modes, the best first, those in κ once each."""
+    kept: list[np.ndarray] = []
+    for point, _ in sorted(refined, key=lambda pair: pair[1]):
+        if "kappa" in likelihood.names:
+            k = likelihood.names.index("kappa")
+            scale = 1.0 if likelihood.unknowns[k].log else abs(point[k])
+            if any(abs(point[k] - other[k]) < _APART * scale for other in kept):
+                continue
+        kept.append(point)
+    return kept
 
 
 def _reweigh(likelihood: Likelihood, point: np.ndarray) -> None:
@@ -142,9 +154,10 @@ def safe_residuals(likelihood: Likelihood, point: np.ndarray, length: int | None
 def cost(likelihood: Likelihood, point: np.ndarray) -> float:
     """Sum of squared residuals at a point; infinite where it is impossible."""
     try:
-        return float(np.sum(likelihood.residuals(point) ** 2))
+        found = float(np.sum(likelihood.residuals(point) ** 2))
     except (SimulationError, ValueError):
         return math.inf
+    return math.inf if math.isnan(found) else found
 
 
 def unit(chi2: float, readings: int) -> float:

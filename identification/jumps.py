@@ -15,7 +15,7 @@ import numpy as np
 from cradle_env.simulation import SimulationError, in_threads
 from identification.fit import Mode, bounds, cost, mode_at, steps
 from identification.likelihood import Jumps, Likelihood
-from identification.rough import broad_jacobian, descents, polish
+from identification.rough import among_modes, broad_jacobian, descents, polish
 
 #: Pairs of points about a mode from which the size of jumps is learned, and how often, each time as far out as they
 #: then allow; those from which their directions are; and how far out at most, in steps of a smooth misfit.
@@ -43,7 +43,7 @@ def learned(likelihood: Likelihood, mode: Mode) -> tuple[Likelihood, Mode]:
     """
     if likelihood.experiment.cradle.bobs < 3:
         return likelihood, mode
-    point = polish(likelihood, mode.point)
+    point = among_modes(likelihood, polish(likelihood, mode.point))
     J = broad_jacobian(likelihood, point, likelihood.residuals(point))
     covariance = widened(likelihood, point, J, mode_at(likelihood, point, J).covariance)
     scatter = _unforeseen(likelihood, point, J, covariance, _LEARNED, 0)

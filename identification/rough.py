@@ -14,7 +14,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from cradle_env.simulation import in_threads
-from identification.fit import bounds, cost, safe_residuals, steps, unit
+from identification.fit import bounds, cost, refine, safe_residuals, steps, unit
 from identification.likelihood import Likelihood
 
 #: How far apart, in noises over all readings (or in what a reading leaves, where that is more), the ends of a
@@ -27,8 +27,15 @@ _DAMPINGS, _LENGTHS, ROUNDS, _GAIN = (0.0, 1e-2, 1e-1), (1.0, 0.5, 0.2), 8, 0.5
 #: Steps along single principal directions that are tried besides, in standard deviations.
 _STRIDES = (3.0, 10.0, 30.0)
 #: Where the shortest of them leave a χ² so far from what the derivatives foretell, over what a reading leaves, random
-#: steps are tried: so many at a time, up to so many standard deviations long, until so many times in a row miss.
+#: steps are tried: so many at a time, of up to so many standard deviations each way, until so many times in a row miss.
 _ROUGH, _SCATTERED, _FARTHEST, _MISSES = 10.0, 48, 100.0, 4
+#: What the readings say of a principal direction, of all they could, below which it counts as not seen.
+_SEEN = 1e-9
+
+#: Relative steps of κ about the best at which neighbouring modes are looked for, how many of them are followed, and
+#: how often; evaluations on the way, and of the best of them.
+_TRIED, _CLIMBS, _FIRST, _LAST = 4, 5, 5, 40
+_RUNGS = (0.0003, 0.0007, 0.0015, 0.003, 0.006)
 
 
 def broad_jacobian(
@@ -45,7 +52,7 @@ def broad_jacobian(
     lengths = np.linalg.norm(first, axis=0)
     seen = lengths > 0.0
     s, Vt = np.linalg.svd(first[:, seen] / lengths[seen], full_matrices=False)[1:]
-    if s[-1] < 1e-7 * s[0]:
+    if len(s) == 0 or s[-1] < 1e-7 * s[0]:
         return first  # along what no reading holds, there is nothing to follow
     directions = np.zeros((len(s), len(point)))
     directions[:, seen] = Vt / lengths[seen] / s[:, None] * (_SPREAD * sigma)
@@ -93,16 +100,48 @@ def polish(likelihood: Likelihood, point: np.ndarray, rounds: int = ROUNDS) -> n
         deviations = _deviations(J, math.sqrt(worth))
         enough = least - _GAIN * worth
         moved, reached, _ = _nearest(likelihood, point, descents(J, residuals))
-        if reached >= enough:
+        if not reached < enough and len(deviations):
             strides = [sign * stride * one for stride in _STRIDES for one in deviations for sign in (1.0, -1.0)]
             moved, reached, costs = _nearest(likelihood, point, strides)
             short = 2 * len(deviations)
             foretold = [float(np.sum((residuals + J @ stride) ** 2)) for stride in strides[:short]]
-            if reached >= enough and np.median(np.abs(costs[:short] - foretold)) > _ROUGH * worth:
+            if not reached < enough and np.median(np.abs(costs[:short] - foretold)) > _ROUGH * worth:
                 moved, reached = _scattered(likelihood, point, least, deviations, worth)
-        if reached >= enough:
+        if not reached < enough:
             break
         point = moved
+    return point
+
+
+def among_modes(likelihood: Likelihood, point: np.ndarray) -> np.ndarray:
+    """The best of the modes in κ about a point, (D,); a fit may end in any of them. With many bobs they lie a few 0.1 %
+    apart, each a hundred times narrower."""
+    if "kappa" not in likelihood.names:
+        return point
+    best = climb(likelihood, point)
+    return point if np.array_equal(best, point) else polish(likelihood, best)
+
+
+def climb(likelihood: Likelihood, point: np.ndarray) -> np.ndarray:
+    """The best mode that fine steps of κ lead to, on and on; (D,)."""
+    k = likelihood.names.index("kappa")
+    residuals = likelihood.residuals(point)
+    so_far = float(np.sum(residuals**2))
+    for _ in range(_CLIMBS):
+        rungs = []
+        for step in (*_RUNGS, *(-rung for rung in _RUNGS)):
+            rung = point.copy()
+            rung[k] += step if likelihood.unknowns[k].log else step * point[k]
+            rungs.append(np.clip(rung, *bounds(likelihood)))
+        costs = np.array(in_threads(lambda z: cost(likelihood, z), rungs, likelihood.workers))
+        reached = [refine(likelihood, rungs[i], _FIRST) for i in np.argsort(costs)[:_TRIED] if np.isfinite(costs[i])]
+        if not reached:
+            break
+        best, least = min(reached, key=lambda pair: pair[1])
+        best, least = refine(likelihood, best, _LAST)
+        if least > so_far - unit(so_far, len(residuals)):
+            break
+        point, so_far = best, least
     return point
 
 
@@ -144,11 +183,12 @@ def descents(J: np.ndarray, residuals: np.ndarray) -> list[np.ndarray]:
 
 
 def _deviations(J: np.ndarray, sigma: float) -> np.ndarray:
-    """Standard deviations along the principal directions, (D, D), one row each: along a ridge the next mode may lie
-    some of them further, with worse between."""
+    """Standard deviations along the principal directions that the readings see, (≤ D, D), one row each: along a ridge
+    the next mode may lie some of them further, with worse between."""
     lengths = _lengths(J)
     squares, directions = np.linalg.eigh((J / lengths).T @ (J / lengths))
-    return (directions / np.sqrt(np.maximum(squares, 1e-9)) / lengths[:, None] * sigma).T
+    seen = squares > _SEEN
+    return (directions[:, seen] / np.sqrt(squares[seen]) / lengths[:, None] * sigma).T
 
 
 def _lengths(J: np.ndarray) -> np.ndarray:

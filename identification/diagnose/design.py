@@ -123,7 +123,7 @@ def design(
     certain, sets = _asked(experiment, between, diagnosis)
     known = with_known_noise(experiment)
     check_readings(known)
-    store = Store(None if out is None else Path(out) / "fits.json", f"{__version__}/{experiment.digest}/{seed}")
+    store = Store.of(out, experiment, seed)
     searcher = Searcher(store, seed, workers)
     tell("search", 0.0, "the model as given")
     base = _with(searcher.globally(known, tell), certain, searcher, tell)

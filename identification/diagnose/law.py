@@ -34,8 +34,8 @@ _MOST, _PARTS, _EVALUATIONS = 10, (1.0, 0.5, 0.2, 0.05), 20
 #: How often more terms are sought in what a law leaves of the free run; the gap up to which a free run is in step with
 #: the data, so that terms may be chosen there at once.
 _ROUNDS, _SMALL = 3, 3.0
-#: Rounds over a rough misfit for an inner prediction, which only says whether a law is worth a fit to its end.
-_FEW = 2
+#: Rounds over a rough misfit for an inner prediction: a law is fitted to its end only where it predicts.
+_INNER_ROUNDS = 2
 
 
 @dataclass(frozen=True, eq=False)
@@ -186,7 +186,9 @@ def _free(
         ]
         costs = in_threads(lambda z: cost(likelihood, z), starts, likelihood.workers)
         point = refine(likelihood, starts[int(np.argmin(costs))], _EVALUATIONS)[0]
-        return polish(likelihood, point, ROUNDS if experiment is fitted.experiment else _FEW) if meet else point
+        return (
+            polish(likelihood, point, ROUNDS if experiment is fitted.experiment else _INNER_ROUNDS) if meet else point
+        )
 
     return Fitted(likelihood, searcher.store.point(key, find))
 
@@ -202,8 +204,8 @@ def advantage(law: Law, named: Fitted) -> float:
 
 
 def can_outdo(before: Fitted, named: Fitted) -> bool:
-    """Whether a law on a model could have the `advantage` over effects that leave nothing but noise: no longer by χ²,
-    only by having fewer unknowns than they."""
+    """Whether a law on a model could have the `advantage` over effects that leave nothing but noise: by fewer unknowns
+    than they have, for what more it explains by chance pays no more than the choice of its terms."""
     inflation, effective = coloured(named)
     spared = len(named.point) - len(before.point)
     several = range(1, _MOST + 1)

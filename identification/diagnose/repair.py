@@ -24,7 +24,7 @@ from identification.fit import Progress
 REPLICATES, _MOST_STEPS = 400, 6
 #: Share of the excess that an effect must explain to be named where more than noise is left in the end.
 _SHARE = 0.5
-#: One effect that leaves so little has left nothing for a law to do better.
+#: p from which on one effect has left nothing for a law to do better, and several only if it has fewer unknowns.
 _SETTLED = 0.1
 #: Several effects that leave less than this share of the excess χ², and yet more than noise, only bend towards it.
 _BENT = 0.1
@@ -86,12 +86,14 @@ def examine(fitted: Fitted, seed: int, estimated: tuple[bool, ...]) -> Examined:
     return Examined(fitted, located, scored, float((1 + np.sum(of_replicates < of_data)) / (1 + len(of_replicates))))
 
 
-def examine_settled(fitted: Fitted, searcher: Searcher, seed: int, estimated: tuple[bool, ...]) -> Examined:
+def examine_settled(
+    fitted: Fitted, searcher: Searcher, seed: int, estimated: tuple[bool, ...], tell: Progress
+) -> Examined:  # fmt: skip
     """Examines a model; where it leaves more than noise, first makes sure that no better mode of it explains that."""
     found = examine(fitted, seed, estimated)
     if not found.significant:
         return found
-    better = searcher.settled(fitted)
+    better = searcher.settled(fitted, tell)
     return examine(better, seed, estimated) if better.chi2 < fitted.chi2 - fitted.unit else found
 
 
@@ -101,7 +103,7 @@ def repair(
     """Adds the most probable effect as long as the model leaves more than noise and an effect helps; then tries what
     was added for removal, and for exchange against what was nearly as good."""
     tell("locate", 0.0, "where model and data part")
-    examined = [examine_settled(fitted, searcher, seed, estimated)]
+    examined = [examine_settled(fitted, searcher, seed, estimated, tell)]
     decisions: list[Decision] = []
     steps: list[Step] = []
     while examined[-1].significant and len(steps) < _MOST_STEPS:
@@ -117,7 +119,7 @@ def repair(
         decisions.append(decision)
         steps += _steps(now.fitted, decision, searcher)
         tell("locate", 0.0, f"what is left with {steps[-1].effect}")
-        examined.append(examine_settled(steps[-1].after, searcher, seed, estimated))
+        examined.append(examine_settled(steps[-1].after, searcher, seed, estimated, tell))
         steps[-1] = dataclasses.replace(steps[-1], after=examined[-1].fitted)
     withdrawn = _withdraw(examined, steps, searcher)
     law = _outdoing(examined, steps, searcher, tell)
@@ -169,7 +171,7 @@ def _outdoing(
     last = examined[-1]
     if not steps or (len(examined) == 2 and last.p > _SETTLED):
         return None
-    models = [m.fitted for m in examined[:-1] if last.significant or can_outdo(m.fitted, last.fitted)]
+    models = [m.fitted for m in examined[:-1] if last.p <= _SETTLED or can_outdo(m.fitted, last.fitted)]
     laws = [law for law in (learn(model, searcher, tell) for model in models) if law is not None]
     over = [advantage(law, last.fitted) for law in laws]
     if not over or max(over) < CLOSE:

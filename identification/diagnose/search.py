@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import hashlib
 import json
 import math
@@ -11,15 +12,17 @@ from typing import Any
 
 import numpy as np
 
+import cradle_env
+import identification
 from cradle_env.effects import effect
 from cradle_env.simulation import SimulationError, in_threads
 from identification.diagnose.candidates import Candidate, Values, starts, with_effects
 from identification.diagnose.fitted import Fitted
 from identification.experiment import Experiment
 from identification.files import json_text, write_together
-from identification.fit import Progress, bounds, cost, early_rows, find_mode, refine, training_rows, unit
+from identification.fit import Progress, bounds, cost, early_rows, find_mode, refine, training_rows
 from identification.likelihood import Likelihood
-from identification.rough import polish
+from identification.rough import among_modes, polish
 
 #: Strengths at which a search starts, in scales of the parameter: from as good as none, which is no worse than without.
 _FACTORS = (0.01, 0.1, 1.0, 3.0)
@@ -28,10 +31,6 @@ _FACTORS = (0.01, 0.1, 1.0, 3.0)
 _FOLLOWED, _FIRST, _KEPT, _LAST, _FEW = 3, 5, 2, 40, 2
 #: Searches from anywhere at most to make sure of a mode, and standard deviations of χ² that noise alone may leave.
 _ATTEMPTS, _NOISE = 3, 3.0
-#: Relative steps of κ about the best at which neighbouring modes are looked for, how many of them are followed, and
-#: how often.
-_TRIED, _CLIMBS = 4, 5
-_RUNGS = (0.0003, 0.0007, 0.0015, 0.003, 0.006)
 
 
 class Store:
@@ -46,6 +45,12 @@ class Store:
             except (ValueError, KeyError, TypeError):
                 pass  # of another program or broken: begin anew
 
+    @classmethod
+    def of(cls, out: str | Path | None, experiment: Experiment, seed: int) -> Store:
+        """That of an experiment in folder `out` (None: in memory); fits by other code are not taken over."""
+        path = None if out is None else Path(out) / "fits.json"
+        return cls(path, f"{_code()}/{experiment.digest}/{seed}")
+
     def point(self, key: str, find: Callable[[], np.ndarray]) -> np.ndarray:
         """The point of that key, found if it is not known."""
         if key not in self.points:
@@ -54,6 +59,16 @@ class Store:
                 text = json_text({"inputs": self.inputs, "points": self.points})
                 write_together(self.path.parent, {self.path.name: text})
         return np.array(self.points[key])
+
+
+@functools.cache
+def _code() -> str:
+    """The sources on which a fit depends, as a hash."""
+    digest = hashlib.sha256()
+    for package in (cradle_env, identification):
+        for source in sorted(Path(package.__path__[0]).rglob("*.py")):
+            digest.update(source.read_bytes())
+    return digest.hexdigest()[:16]
 
 
 class Searcher:
@@ -73,13 +88,16 @@ class Searcher:
 
         return self._better(Fitted(likelihood, self.store.point(key, find)))
 
-    def settled(self, fitted: Fitted) -> Fitted:
+    def settled(self, fitted: Fitted, tell: Progress | None = None) -> Fitted:
         """The best mode of a model again, with more effort: more searches from anywhere until one leaves no more than
         noise, for modes multiply with the bobs; then the modes about what is best by now, which may come from
         elsewhere."""
-        best = fitted
+        best = self._better(fitted)
         for attempt in range(1, 1 + min(fitted.cradle.bobs, _ATTEMPTS)):
-            best = self.globally(fitted.experiment, attempt=attempt)
+            try:
+                best = self.globally(fitted.experiment, tell, attempt)
+            except SimulationError:  # from these draws nowhere
+                continue
             if best.chi2 < best.count + _NOISE * math.sqrt(2.0 * best.count):
                 break
         key = fit_key("settled", best.experiment, best.point.tolist())
@@ -204,38 +222,6 @@ def best_of(
 def finished(likelihood: Likelihood, point: np.ndarray) -> np.ndarray:
     """The mode near a point, (D,)."""
     return polish(likelihood, refine(likelihood, point, _LAST)[0])
-
-
-def among_modes(likelihood: Likelihood, point: np.ndarray) -> np.ndarray:
-    """The best of the modes in κ about a point, (D,); a fit may end in any of them. With many bobs they lie a few 0.1 %
-    apart, each a hundred times narrower."""
-    if "kappa" not in likelihood.names:
-        return point
-    best = climb(likelihood, point)
-    return point if np.array_equal(best, point) else polish(likelihood, best)
-
-
-def climb(likelihood: Likelihood, point: np.ndarray) -> np.ndarray:
-    """The best mode that fine steps of κ lead to, on and on; (D,)."""
-    k = likelihood.names.index("kappa")
-    residuals = likelihood.residuals(point)
-    so_far = float(np.sum(residuals**2))
-    for _ in range(_CLIMBS):
-        rungs = []
-        for step in (*_RUNGS, *(-rung for rung in _RUNGS)):
-            rung = point.copy()
-            rung[k] += step if likelihood.unknowns[k].log else step * point[k]
-            rungs.append(np.clip(rung, *bounds(likelihood)))
-        costs = np.array(in_threads(lambda z: cost(likelihood, z), rungs, likelihood.workers))
-        reached = [refine(likelihood, rungs[i], _FIRST) for i in np.argsort(costs)[:_TRIED] if np.isfinite(costs[i])]
-        if not reached:
-            break
-        best, least = min(reached, key=lambda pair: pair[1])
-        best, least = refine(likelihood, best, _LAST)
-        if least > so_far - unit(so_far, len(residuals)):
-            break
-        point, so_far = best, least
-    return point
 
 
 def placed(likelihood: Likelihood, values: Mapping[str, float]) -> np.ndarray:

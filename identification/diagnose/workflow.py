@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from cradle_env import __version__
 from cradle_env.simulation import SimulationError
 from identification.diagnose.advise import Advice, advise, advise_on_lambda
 from identification.diagnose.agreement import check_agreement
@@ -36,7 +35,7 @@ def diagnose(
     tell = progress or (lambda *_: None)
     estimated = tuple(run.noise is None for run in experiment.runs)
     known = with_known_noise(experiment)
-    store = Store(None if out is None else Path(out) / "fits.json", f"{__version__}/{experiment.digest}/{seed}")
+    store = Store.of(out, experiment, seed)
     searcher = Searcher(store, seed, workers)
     warnings = check_readings(known)
     tell("search", 0.0, "the model as given")
