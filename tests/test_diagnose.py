@@ -2,22 +2,24 @@
 
 import dataclasses
 import json
+from types import SimpleNamespace
 
 import gymnasium as gym
 import numpy as np
 import pytest
 
 import cradle_env  # noqa: F401  registers the environments
-from cradle_env import effects
+from cradle_env import Cradle, effects
 from cradle_env.effects import effect
 from cradle_env.model_files import read_model
 from identification import Experiment, diagnose
 from identification.cli import main
 from identification.diagnose.candidates import candidates, starts
-from identification.diagnose.decide import coloured
+from identification.diagnose.decide import coloured, refitted
 from identification.diagnose.diagnosis import VERDICTS, Interval, effect_parameters
-from identification.diagnose.fitted import Fitted
+from identification.diagnose.fitted import Fitted, with_known_noise
 from identification.diagnose.foretold import allowed_gap
+from identification.diagnose.law import can_outdo
 from identification.diagnose.locate import locate, log_tail
 from identification.diagnose.report import save, sentence
 from identification.diagnose.score import family_p, score
@@ -179,6 +181,49 @@ def test_fits_of_other_inputs_are_not_used(tmp_path):
     assert Store(tmp_path / "fits.json", "these").points == {}
     (tmp_path / "fits.json").write_text("broken", encoding="utf-8")
     assert Store(tmp_path / "fits.json", "these").points == {}
+
+
+def test_fits_by_other_code_are_not_used(plain, tmp_path, monkeypatch):
+    experiment = Experiment.load(plain)
+    Store.of(tmp_path, experiment, 0).point("key", lambda: np.array([1.0]))
+    assert Store.of(tmp_path, experiment, 0).points
+    monkeypatch.setattr("identification.diagnose.search._code", lambda: "other")
+    assert not Store.of(tmp_path, experiment, 0).points
+
+
+def test_what_looks_the_same_as_any_of_the_best_is_refitted():
+    """Else, with one bob, a clock that is off is named as the added mass that happened to be tried."""
+
+    class Fits:
+        def adding(self, fitted, candidate, *_):
+            return SimpleNamespace(
+                chi2=1000.0 - {"frame_compliance": 36.0, "added_mass": 28.0}[candidate.name], unit=1.0
+            )
+
+        def adding_beside(self, fitted, candidate, *_):
+            return SimpleNamespace(chi2=972.0, unit=1.0)
+
+    named = {c.name: c for c in candidates(Cradle(bobs=1)) if not c.alike}
+    alike = tuple(named[name] for name in ("length_mismatch", "clock_scale"))
+    scores = [
+        SimpleNamespace(candidate=named["frame_compliance"], parallel=(), likely=(), surprise=9.0, directions=1),
+        SimpleNamespace(candidate=named["added_mass"], parallel=alike, likely=(), surprise=9.0, directions=1),
+        *(SimpleNamespace(candidate=c, parallel=(), likely=(), surprise=0.0, directions=1) for c in alike),
+    ]
+    base = SimpleNamespace(chi2=1000.0, unit=1.0)
+    fits = refitted(base, SimpleNamespace(scores=scores), Fits(), lambda *_: None)  # type: ignore[arg-type]
+    assert {c.name for c in fits} == {"frame_compliance", "added_mass", "length_mismatch", "clock_scale"}
+
+
+def test_a_law_is_not_learned_against_names_that_it_cannot_outdo(dragged):
+    searcher = Searcher(Store(None, ""), 0, None)
+    base = searcher.nearby(with_known_noise(Experiment.load(dragged)), {})
+    one = searcher.adding(base, next(c for c in candidates(base.cradle) if c.name == "quadratic_drag"))
+    # A term costs as much as the one unknown that it would save; two bobs' own values cost more.
+    assert not can_outdo(base, one)
+    several = dataclasses.replace(one, point=np.zeros(len(base.point) + 5))
+    several.__dict__["residuals"] = one.residuals
+    assert can_outdo(base, several)
 
 
 def test_replicates_look_like_what_a_right_model_leaves(plain):

@@ -1,10 +1,12 @@
 """Descent over a rough misfit, and how well its unknowns are known, on five bobs of the soft-contact reference."""
 
 import dataclasses
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from identification import fit, rough
 from identification.diagnose.candidates import with_effects
 from identification.diagnose.fitted import with_known_noise
 from identification.diagnose.search import Searcher, Store, placed
@@ -13,6 +15,7 @@ from identification.fit import cost, refine
 from identification.rough import broad_jacobian, polish
 from tests.independent.laboratory import record, write_experiment
 from tests.independent.soft_contact import SoftCradle
+from tests.study import Apparatus, cases
 from tests.synthetic import nothing_hidden
 
 NAMES = ("k_f", "kappa", "b", "pivot_friction.tau_c", "release_angle_error@1")
@@ -82,3 +85,37 @@ def test_the_mode_in_kappa_is_the_best_of_its_neighbours(tmp_path):
     place, J = found.likelihood.names.index("kappa"), found.jacobian
     sd = np.sqrt(np.linalg.inv(J.T @ J)[place, place])
     assert abs(found.point - truth)[place] < 3.5 * sd < 1e-3
+
+
+def test_random_steps_lead_where_derivatives_do_not(tmp_path, monkeypatch):
+    """Of the study's cases with nothing hidden, the one whose readings jump most: 1,100 above its noise at the truth,
+    for the order of impacts there is another one. By derivatives alone descent ends at 9211 to 9732 from eight starts
+    about the truth, by random steps too at 9026 to 9267."""
+    apparatus = Apparatus(next(case for case in cases([10]) if case.name == "10-nothing-1"))
+    experiment = with_known_noise(Experiment.load(apparatus.write(tmp_path, apparatus.record([], True))))
+    likelihood = Searcher(Store(None, ""), 0, None).likelihood(experiment)
+    truth, away = placed(likelihood, apparatus.truth), np.array([1e-3, 1e-4, 5e-3, 1e-4])
+    drawn = [(1 + k) * away * np.random.default_rng(k).standard_normal(4) for k in (0, 2)]
+    starts = [refine(likelihood, truth + step, 40)[0] for step in drawn]
+    reached = [cost(likelihood, polish(likelihood, start)) for start in starts]
+    monkeypatch.setattr(rough, "_MISSES", 0)
+    by_derivatives = [cost(likelihood, polish(likelihood, start)) for start in starts]
+    assert sum(reached) < sum(by_derivatives) - 100.0, (reached, by_derivatives)
+
+
+def test_a_direction_that_no_reading_sees_is_left_alone():
+    J = np.zeros((50, 3))
+    J[:, :2] = np.random.default_rng(0).standard_normal((50, 2))
+    assert rough._deviations(J, 1.0)[:, 2] == pytest.approx(0.0, abs=1e-12)
+    assert len(rough._deviations(J, 1.0)) == 2
+
+
+def test_every_slice_of_kappa_has_a_start():
+    likelihood = SimpleNamespace(names=["b", "kappa"])
+    starts = np.random.default_rng(1).uniform(0.0, 1.0, (240, 2))
+    costs = starts[:, 1] + 0.01 * starts[:, 0]  # so that all that is best lies in one slice
+    chosen = fit._worth_refining(likelihood, starts, costs)  # type: ignore[arg-type]
+    assert set(np.argsort(costs)[: fit._BEST]) <= set(chosen)
+    slices = np.array_split(np.argsort(starts[:, 1]), fit._SLICES)
+    assert all(set(some) & set(chosen) for some in slices)
+    assert len(chosen) == fit._BEST + fit._SLICES - 1
