@@ -19,6 +19,7 @@ from identification.diagnose.decide import coloured, refitted
 from identification.diagnose.diagnosis import VERDICTS, Interval, effect_parameters
 from identification.diagnose.fitted import Fitted, with_known_noise
 from identification.diagnose.foretold import allowed_gap
+from identification.diagnose.intervals import intervals
 from identification.diagnose.law import can_outdo
 from identification.diagnose.locate import locate, log_tail
 from identification.diagnose.report import save, sentence
@@ -150,8 +151,14 @@ def test_twins_are_equivalent_and_the_advice_cannot_part_them(dragged, monkeypat
     kept = ("quadratic_drag", *effects.MODELS["nsp"])
     only = {name: effect(name) for name in kept} | {"twin_drag": twin}
     monkeypatch.setattr(effects, "_EFFECTS", only)
-    content = diagnose(Experiment.load(dragged)).content()
+    diagnosis = diagnose(Experiment.load(dragged))
+    content = diagnosis.content()
     assert content["verdict"] == "equivalent" and content["steps"] == []
+    # Whichever of them is right, b is within what is told of it.
+    (other,) = map(intervals, diagnosis.others)
+    told = diagnosis.parameters["b"].ci95
+    assert told[0] <= min(other["b"].ci95[0], intervals(diagnosis.final)["b"].ci95[0])
+    assert told[1] >= max(other["b"].ci95[1], intervals(diagnosis.final)["b"].ci95[1])
     assert sorted(content["equivalent"]) == [["quadratic_drag"], ["twin_drag"]]
     assert content["gap_last"] < 1.08
     assert content["advice"]["expected_log_bayes"] < 0.5 and content["advice"]["separates"] == []

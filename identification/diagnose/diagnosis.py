@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -31,7 +32,8 @@ class Diagnosis:
 
     experiment: as given; repaired: the models examined and the steps between them, and the law learned of what they
     leave; final: the last model, the law in it, fitted to all that may be fitted; advice: the next experiment, None
-    where nothing is open; warnings: what to know about the readings.
+    where nothing is open; warnings: what to know about the readings; others: models that would do as well, fitted
+    likewise.
     """
 
     experiment: Experiment
@@ -40,6 +42,7 @@ class Diagnosis:
     advice: Advice | None
     seed: int
     warnings: tuple[str, ...] = ()
+    others: tuple[Fitted, ...] = ()
 
     @property
     def base(self) -> Fitted:
@@ -98,8 +101,14 @@ class Diagnosis:
 
     @functools.cached_property
     def parameters(self) -> dict[str, Interval]:
-        """Unknowns of the repaired model, by name."""
-        return intervals(self.final)
+        """Unknowns of the repaired model, by name; of those of the cradle itself, an interval that holds whichever of
+        several equivalent models is right."""
+        found = intervals(self.final)
+        for other in map(intervals, self.others):
+            for name in (name for name in found if name in other and "." not in name and "@" not in name):
+                low, high = zip(found[name].ci95, other[name].ci95, strict=True)
+                found[name] = dataclasses.replace(found[name], ci95=(min(low), max(high)))
+        return found
 
     @property
     def model(self) -> Cradle:

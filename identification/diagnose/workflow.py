@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 
 from cradle_env.simulation import SimulationError
@@ -47,17 +48,26 @@ def diagnose(
     repaired = repair(base, searcher, seed, estimated, tell)
     tell("advise", 0.0, "the next experiment")
     final = searcher.on_everything(repaired.last.fitted if repaired.law is None else repaired.law.fitted)
-    return Diagnosis(experiment, repaired, final, _advice(repaired, searcher, seed, tell), seed, warnings)
+    others = _others(repaired, searcher)
+    advice = _advice(repaired, others, searcher, seed, tell)
+    return Diagnosis(experiment, repaired, final, advice, seed, warnings, tuple(others.values()))
 
 
-def _advice(repaired: Repaired, searcher: Searcher, seed: int, tell: Progress) -> Advice | None:
+def _advice(
+    repaired: Repaired, others: Mapping[tuple[str, ...], Fitted], searcher: Searcher, seed: int, tell: Progress
+) -> Advice | None:  # fmt: skip
     """The experiment that tells equivalent sets apart; without such, the one that makes λ certain."""
-    if not repaired.alternatives:
-        return advise_on_lambda(repaired.last.fitted, tell)
-    chosen, *others = repaired.alternatives
     last = repaired.last.fitted
-    models: list[Fitted] = [searcher.on_everything(last)]
-    sets = [chosen]
+    if not repaired.alternatives:
+        return advise_on_lambda(last, tell)
+    models, sets = [searcher.on_everything(last), *others.values()], [repaired.alternatives[0], *others]
+    return advise(models, sets, seed, tell) if others else None
+
+
+def _others(repaired: Repaired, searcher: Searcher) -> dict[tuple[str, ...], Fitted]:
+    """The models with what would do as well as the sets chosen, by what it is, fitted to all data."""
+    last, found = repaired.last.fitted, {}
+    chosen, *others = repaired.alternatives or ((),)
     for names in others:
         model, values = last.experiment, last.values
         for name in chosen:
@@ -68,6 +78,5 @@ def _advice(repaired: Repaired, searcher: Searcher, seed: int, tell: Progress) -
                 fit = searcher.adding(fit, next(c for c in candidates(fit.cradle) if c.name == name))
         except (SimulationError, ValueError, StopIteration):
             continue
-        models.append(searcher.on_everything(fit))
-        sets.append(names)
-    return advise(models, sets, seed, tell) if len(models) > 1 else None
+        found[names] = searcher.on_everything(fit)
+    return found
