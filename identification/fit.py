@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -101,17 +101,24 @@ def _reweigh(likelihood: Likelihood, point: np.ndarray) -> None:
             likelihood.weighing[k] = max(rms(residual), likelihood.noise[k])
 
 
+def best_rungs(
+    likelihood: Likelihood, point: np.ndarray, steps: Sequence[float], count: int
+) -> list[np.ndarray]:  # fmt: skip
+    """Of the points (D,) at relative steps of κ from a point, within bounds, the `count` with the least χ²."""
+    k = likelihood.names.index("kappa")
+    rungs = []
+    for step in steps:
+        rung = point.copy()
+        rung[k] += step if likelihood.unknowns[k].log else step * point[k]
+        rungs.append(np.clip(rung, *bounds(likelihood)))
+    costs = np.array(in_threads(lambda z: cost(likelihood, z), rungs, likelihood.workers))
+    return [rungs[i] for i in np.argsort(costs)[:count]]
+
+
 def _climb_ladder(likelihood: Likelihood, point: np.ndarray, least: float) -> tuple[np.ndarray, float]:
     """The better of the point and what its neighbours in κ lead to."""
-    k = likelihood.names.index("kappa")
     while True:
-        rungs = []
-        for step in _LADDER:
-            rung = point.copy()
-            rung[k] += step if likelihood.unknowns[k].log else step * point[k]
-            rungs.append(np.clip(rung, *bounds(likelihood)))
-        costs = np.array(in_threads(lambda z: cost(likelihood, z), rungs, likelihood.workers))
-        tried = [refine(likelihood, rungs[i], 8) for i in np.argsort(costs)[:3]]
+        tried = [refine(likelihood, rung, 8) for rung in best_rungs(likelihood, point, _LADDER, 3)]
         best, best_cost = min(tried, key=lambda pair: pair[1])
         if best_cost >= least - 1e-3 * abs(least):
             return (best, best_cost) if best_cost < least else (point, least)

@@ -13,9 +13,9 @@ import math
 import numpy as np
 
 from cradle_env.simulation import SimulationError, in_threads
-from identification.fit import Mode, bounds, cost, mode_at, steps
+from identification.fit import Mode, bounds, mode_at, steps
 from identification.likelihood import Jumps, Likelihood
-from identification.rough import among_modes, broad_jacobian, descents, polish
+from identification.rough import among_modes, broad_jacobian, descents, nearest, polish
 
 #: Pairs of points about a mode from which the size of jumps is learned, and how often, each time as far out as they
 #: then allow; those from which their directions are; and how far out at most, in steps of a smooth misfit.
@@ -51,12 +51,11 @@ def learned(likelihood: Likelihood, mode: Mode) -> tuple[Likelihood, Mode]:
     of_runs = zip(likelihood.parts(), likelihood.weighing, strict=True)
     known = likelihood.with_jumps([_of_run(scatter[part] * weight) for part, weight in of_runs])
     for _ in range(_STEPS):
-        moves = descents(known.whitened(J), known.residuals(point))
-        tried = [point, *(np.clip(point + move, *bounds(known)) for move in moves)]
-        best = int(np.argmin(in_threads(lambda z: cost(known, z), tried, known.workers)))
-        if best == 0:
+        residuals = known.residuals(point)
+        moved, reached, _ = nearest(known, point, descents(known.whitened(J), residuals))
+        if not reached < float(np.sum(residuals**2)):
             break
-        point = tried[best]
+        point = moved
     return known, mode_at(known, point, known.whitened(J))
 
 

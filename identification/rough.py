@@ -14,7 +14,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from cradle_env.simulation import in_threads
-from identification.fit import bounds, cost, refine, safe_residuals, steps, unit
+from identification.fit import best_rungs, bounds, cost, refine, safe_residuals, steps, unit
 from identification.likelihood import Likelihood
 
 #: How far apart, in noises over all readings (or in what a reading leaves, where that is more), the ends of a
@@ -99,10 +99,10 @@ def polish(likelihood: Likelihood, point: np.ndarray, rounds: int = ROUNDS) -> n
         J = broad_jacobian(likelihood, point, residuals, widths)
         deviations = _deviations(J, math.sqrt(worth))
         enough = least - _GAIN * worth
-        moved, reached, _ = _nearest(likelihood, point, descents(J, residuals))
+        moved, reached, _ = nearest(likelihood, point, descents(J, residuals))
         if not reached < enough and len(deviations):
             strides = [sign * stride * one for stride in _STRIDES for one in deviations for sign in (1.0, -1.0)]
-            moved, reached, costs = _nearest(likelihood, point, strides)
+            moved, reached, costs = nearest(likelihood, point, strides)
             short = 2 * len(deviations)
             foretold = [float(np.sum((residuals + J @ stride) ** 2)) for stride in strides[:short]]
             if not reached < enough and np.median(np.abs(costs[:short] - foretold)) > _ROUGH * worth:
@@ -124,19 +124,11 @@ def among_modes(likelihood: Likelihood, point: np.ndarray) -> np.ndarray:
 
 def climb(likelihood: Likelihood, point: np.ndarray) -> np.ndarray:
     """The best mode that fine steps of κ lead to, on and on; (D,)."""
-    k = likelihood.names.index("kappa")
     residuals = likelihood.residuals(point)
     so_far = float(np.sum(residuals**2))
     for _ in range(_CLIMBS):
-        rungs = []
-        for step in (*_RUNGS, *(-rung for rung in _RUNGS)):
-            rung = point.copy()
-            rung[k] += step if likelihood.unknowns[k].log else step * point[k]
-            rungs.append(np.clip(rung, *bounds(likelihood)))
-        costs = np.array(in_threads(lambda z: cost(likelihood, z), rungs, likelihood.workers))
-        reached = [refine(likelihood, rungs[i], _FIRST) for i in np.argsort(costs)[:_TRIED] if np.isfinite(costs[i])]
-        if not reached:
-            break
+        rungs = best_rungs(likelihood, point, (*_RUNGS, *(-rung for rung in _RUNGS)), _TRIED)
+        reached = [refine(likelihood, rung, _FIRST) for rung in rungs]
         best, least = min(reached, key=lambda pair: pair[1])
         best, least = refine(likelihood, best, _LAST)
         if least > so_far - unit(so_far, len(residuals)):
@@ -145,7 +137,7 @@ def climb(likelihood: Likelihood, point: np.ndarray) -> np.ndarray:
     return point
 
 
-def _nearest(
+def nearest(
     likelihood: Likelihood, point: np.ndarray, moves: Sequence[np.ndarray]
 ) -> tuple[np.ndarray, float, np.ndarray]:  # fmt: skip
     """(point (D,), χ²) of the best of several moves, and χ² of all."""
@@ -164,7 +156,7 @@ def _scattered(
     while misses < _MISSES:
         lengths = np.exp(rng.uniform(0.0, math.log(_FARTHEST), (_SCATTERED, 1)))
         moves = lengths * rng.standard_normal((_SCATTERED, len(deviations))) @ deviations
-        moved, reached, _ = _nearest(likelihood, point, list(moves))
+        moved, reached, _ = nearest(likelihood, point, list(moves))
         if reached < least - _GAIN * worth:
             point, least, misses = moved, reached, 0
         else:

@@ -66,13 +66,16 @@ def _advice(
 
 def _others(repaired: Repaired, searcher: Searcher) -> dict[tuple[str, ...], Fitted]:
     """The models with what would do as well as the sets chosen, by what it is, fitted to all data."""
+    if not repaired.alternatives:
+        return {}
     last, found = repaired.last.fitted, {}
-    chosen, *others = repaired.alternatives or ((),)
+    chosen, *others = repaired.alternatives
+    model = last.experiment
+    for name in chosen:
+        model = without_effect(model, name)
+    without = searcher.nearby(model, last.values)
     for names in others:
-        model, values = last.experiment, last.values
-        for name in chosen:
-            model = without_effect(model, name)
-        fit = searcher.nearby(model, values)
+        fit = without
         try:
             for name in names:
                 fit = searcher.adding(fit, next(c for c in candidates(fit.cradle) if c.name == name))
