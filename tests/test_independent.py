@@ -106,6 +106,23 @@ def test_short_contacts_are_instantaneous_impacts(bobs: int, strings: str) -> No
     assert difference(1e4) / difference(1e6) == pytest.approx(10**0.8, rel=0.02)
 
 
+def test_blows_too_short_part_bobs_that_hang_at_unequal_heights() -> None:
+    """Bobs 1.4e-5 of their length apart in height are 2e-10 m apart: struck as one while a blow presses them by far
+    more, so that the stiffer the contacts the further they are from the blow on equal bobs, by f^0.4."""
+    times = np.linspace(0, 0.5, 121)
+    uneven = {"length_mismatch": {"relative": [4.9e-5, 3.5e-5, -5e-6]}}
+
+    def moved(factor: float) -> float:
+        runs = (
+            simulate_soft(SoftCradle(3, stiffness_factor=factor, effects=effects), {3: 0.228}, times=times).theta[:, 1]
+            for effects in (uneven, {})
+        )
+        return float(np.abs(np.subtract(*runs)).max())
+
+    assert moved(3e4) < 1e-4
+    assert moved(1e10) / moved(1e8) == pytest.approx(10**0.8, rel=0.3)
+
+
 def test_peer_impact_times_converge() -> None:
     times = np.linspace(0, 5, 601)
     runs = [
