@@ -15,13 +15,14 @@ from cradle_env.model_files import read_model
 from identification import Experiment, diagnose
 from identification.cli import main
 from identification.diagnose.candidates import candidates, starts
-from identification.diagnose.decide import coloured, refitted
+from identification.diagnose.decide import Decision, coloured, refitted
 from identification.diagnose.diagnosis import VERDICTS, Interval, effect_parameters
 from identification.diagnose.fitted import Fitted, with_known_noise
 from identification.diagnose.foretold import allowed_gap
 from identification.diagnose.intervals import intervals
 from identification.diagnose.law import can_outdo
 from identification.diagnose.locate import locate, log_tail
+from identification.diagnose.repair import Step, examine, one_for_two
 from identification.diagnose.report import save, sentence
 from identification.diagnose.score import family_p, score
 from identification.diagnose.search import Searcher, Store, finished
@@ -220,6 +221,30 @@ def test_what_looks_the_same_as_any_of_the_best_is_refitted():
     base = SimpleNamespace(chi2=1000.0, unit=1.0)
     fits = refitted(base, SimpleNamespace(scores=scores), Fits(), lambda *_: None)  # type: ignore[arg-type]
     assert {c.name for c in fits} == {"frame_compliance", "added_mass", "length_mismatch", "clock_scale"}
+
+
+@pytest.mark.parametrize("hidden", [("quadratic_drag",), ("quadratic_drag", "spacer_offset")])
+def test_one_effect_takes_the_place_of_two_where_it_does_as_well(hidden, tmp_path):
+    strengths = {"quadratic_drag": {"c2": 0.02}, "spacer_offset": {"offset": [1e-3]}}
+    path = written(tmp_path, {name: strengths[name] for name in hidden})
+    searcher = Searcher(Store(None, ""), 0, 1)
+    base = searcher.globally(with_known_noise(Experiment.load(path)))
+
+    def added(fitted, name):
+        return searcher.adding(fitted, next(c for c in candidates(fitted.cradle) if c.name == name))
+
+    two = ("pivot_friction", "group_drag") if len(hidden) == 1 else hidden
+    fits = [base, added(base, two[0])]
+    fits.append(added(fits[1], two[1]))
+    examined = [examine(fitted, 0, (False,)) for fitted in fits]
+    of_two = Decision((), None, 1.0, 1.0, 1.0)
+    decisions = [dataclasses.replace(of_two) for _ in two]
+    steps = [Step(two[i], fits[i], fits[i + 1], 1.0, decisions[i]) for i in range(2)]
+    one_for_two(examined, decisions, steps, searcher, 0, (False,), lambda *_: None)
+    assert tuple(step.effect for step in steps) == hidden
+    assert len(decisions) == len(hidden)
+    assert examined[-1].fitted is steps[-1].after
+    assert [e.fitted for e in examined[:-1]] == fits[: len(hidden)]
 
 
 def test_a_law_is_not_learned_against_names_that_it_cannot_outdo(dragged):

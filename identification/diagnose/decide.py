@@ -9,7 +9,7 @@ must also predict (see `inner`).
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -60,7 +60,29 @@ class Decision:
 def decide(fitted: Fitted, scored: Scored, searcher: Searcher, tell: Progress, alpha: float = ALPHA) -> Decision:
     """Refits the candidates worth it, and decides between them and none."""
     fits = refitted(fitted, scored, searcher, tell)
-    inflation, effective = coloured(min(fits.values(), key=lambda fit: fit.chi2, default=fitted))
+    best = min(fits.values(), key=lambda fit: fit.chi2, default=fitted)
+    return _decision(fitted, fits, best, scored, searcher, alpha)
+
+
+def beside(fitted: Fitted, scored: Scored, other: Fitted, searcher: Searcher, tell: Progress) -> Decision:
+    """Refits all candidates from where another model has its mode, far above which none is fitted to the end; decides
+    between them and none."""
+    fits, enough = {}, other.chi2 + _ALWAYS * other.unit
+    for i, s in enumerate(scored.scores):
+        if len(s.candidate.effects) == 1:
+            tell("exchange", i / len(scored.scores), f"{s.candidate.label} alone")
+            try:
+                fits[s.candidate] = searcher.adding_beside(fitted, s.candidate, other, s.likely, enough)
+            except (SimulationError, ValueError):
+                continue
+    return _decision(fitted, fits, min([*fits.values(), other], key=lambda fit: fit.chi2), scored, searcher, ALPHA)
+
+
+def _decision(
+    fitted: Fitted, fits: Mapping[Candidate, Fitted], best: Fitted, scored: Scored, searcher: Searcher, alpha: float
+) -> Decision:
+    """Judges fits of a model with a candidate more, by the noise that the best model leaves."""
+    inflation, effective = coloured(best)
     refits = []
     for candidate, fit in fits.items():
         try:

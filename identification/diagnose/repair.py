@@ -11,7 +11,16 @@ import numpy as np
 from cradle_env.effects import effect
 from cradle_env.simulation import SimulationError
 from identification.diagnose.candidates import Candidate, candidates, is_strength, without_effect
-from identification.diagnose.decide import ALPHA, CLOSE, Decision, coloured, decide, judged, log_evidence
+from identification.diagnose.decide import (
+    ALPHA,
+    CLOSE,
+    Decision,
+    beside,
+    coloured,
+    decide,
+    judged,
+    log_evidence,
+)
 from identification.diagnose.fitted import Fitted
 from identification.diagnose.inner import predictions
 from identification.diagnose.law import Law, advantage, can_outdo, learn
@@ -121,15 +130,36 @@ def repair(
         tell("locate", 0.0, f"what is left with {steps[-1].effect}")
         examined.append(examine_settled(steps[-1].after, searcher, seed, estimated, tell))
         steps[-1] = dataclasses.replace(steps[-1], after=examined[-1].fitted)
+        one_for_two(examined, decisions, steps, searcher, seed, estimated, tell)
     withdrawn = _withdraw(examined, steps, searcher)
     law = _outdoing(examined, steps, searcher, tell)
     if law is not None:
         withdrawn += _back_to(law.before, examined, steps)
     last, kept, removed = _without_the_needless(examined[-1], steps, searcher, seed, estimated)
-    alternatives = _exchanges(last, kept, decisions, searcher, tell)
+    alternatives = _exchanges(last, kept, searcher, tell)
     if last.significant and (law is None or law.before is not last.fitted):
         law = learn(last.fitted, searcher, tell)
     return Repaired(tuple(examined), tuple(decisions), tuple(kept), (*withdrawn, *removed), alternatives, last, law)
+
+
+def one_for_two(
+    examined: list[Examined], decisions: list[Decision], steps: list[Step], searcher: Searcher, seed: int,
+    estimated: tuple[bool, ...], tell: Progress,
+) -> None:  # fmt: skip
+    """Puts one effect in the place of the last two, where it does as well: which two led to the right mode of the other
+    unknowns, far from it no effect is foretold what it can do, and one cause is more probable than two."""
+    if len(examined) < 3:
+        return
+    before, last = examined[-3], examined[-1]
+    decision = beside(before.fitted, before.scored, last.fitted, searcher, tell)
+    more = len(last.fitted.point) - len(before.fitted.point)
+    both = log_evidence(before.fitted.chi2 - last.fitted.chi2, more, decision.inflation, decision.effective)
+    if decision.chosen is not None and decision.chosen.log_evidence > both - CLOSE:
+        _back_to(before.fitted, examined, steps)
+        decisions[-2:] = [decision]
+        steps += _steps(before.fitted, decision, searcher)
+        examined.append(examine_settled(steps[-1].after, searcher, seed, estimated, tell))
+        steps[-1] = dataclasses.replace(steps[-1], after=examined[-1].fitted)
 
 
 def _withdraw(examined: list[Examined], steps: list[Step], searcher: Searcher) -> list[str]:
@@ -234,13 +264,13 @@ def _required(name: str) -> tuple[str, ...]:
 
 
 def _exchanges(
-    last: Examined, steps: Sequence[Step], decisions: Sequence[Decision], searcher: Searcher, tell: Progress
+    last: Examined, steps: Sequence[Step], searcher: Searcher, tell: Progress
 ) -> tuple[tuple[str, ...], ...]:
     """Sets of effects that complete the other steps as well as those chosen, the chosen ones first."""
     inflation, effective = coloured(last.fitted)
     rivals: list[tuple[str, str]] = []
     for step in steps:
-        others = _rivals(step, decisions)
+        others = _rivals(step)
         if not others or any(step.effect in _required(other.effect) for other in steps):
             continue
         model = without_effect(last.fitted.experiment, step.effect)
@@ -264,7 +294,7 @@ def _exchanges(
     return tuple(dict.fromkeys((doubtful, *exchanged))) if rivals else ()
 
 
-def _rivals(step: Step, decisions: Sequence[Decision]) -> list[Candidate]:
+def _rivals(step: Step) -> list[Candidate]:
     """Candidates that were significant where a step was decided and could stand in its place."""
     if step.decision is None or step.decision.chosen is None:
         return []
