@@ -240,7 +240,8 @@ def test_one_effect_takes_the_place_of_two_where_it_does_as_well(hidden, tmp_pat
     of_two = Decision((), None, 1.0, 1.0, 1.0)
     decisions = [dataclasses.replace(of_two) for _ in two]
     steps = [Step(two[i], fits[i], fits[i + 1], 1.0, decisions[i]) for i in range(2)]
-    one_for_two(examined, decisions, steps, searcher, 0, (False,), lambda *_: None)
+    replaced = one_for_two(examined, decisions, steps, searcher, 0, (False,), lambda *_: None)
+    assert set(replaced) == (set() if len(hidden) == 2 else set(two))
     assert tuple(step.effect for step in steps) == hidden
     assert len(decisions) == len(hidden)
     assert examined[-1].fitted is steps[-1].after

@@ -115,6 +115,7 @@ def repair(
     examined = [examine_settled(fitted, searcher, seed, estimated, tell)]
     decisions: list[Decision] = []
     steps: list[Step] = []
+    replaced: list[str] = []
     while examined[-1].significant and len(steps) < _MOST_STEPS:
         now = examined[-1]
         decision = decide(now.fitted, now.scored, searcher, tell)
@@ -126,12 +127,9 @@ def repair(
             examined[-1] = examine(better, seed, estimated)
             continue
         decisions.append(decision)
-        steps += _steps(now.fitted, decision, searcher)
-        tell("locate", 0.0, f"what is left with {steps[-1].effect}")
-        examined.append(examine_settled(steps[-1].after, searcher, seed, estimated, tell))
-        steps[-1] = dataclasses.replace(steps[-1], after=examined[-1].fitted)
-        one_for_two(examined, decisions, steps, searcher, seed, estimated, tell)
-    withdrawn = _withdraw(examined, steps, searcher)
+        _take(decision, examined, steps, searcher, seed, estimated, tell)
+        replaced += one_for_two(examined, decisions, steps, searcher, seed, estimated, tell)
+    withdrawn = replaced + _withdraw(examined, steps, searcher)
     law = _outdoing(examined, steps, searcher, tell)
     if law is not None:
         withdrawn += _back_to(law.before, examined, steps)
@@ -142,24 +140,36 @@ def repair(
     return Repaired(tuple(examined), tuple(decisions), tuple(kept), (*withdrawn, *removed), alternatives, last, law)
 
 
+def _take(
+    decision: Decision, examined: list[Examined], steps: list[Step], searcher: Searcher, seed: int,
+    estimated: tuple[bool, ...], tell: Progress,
+) -> None:  # fmt: skip
+    """Adds what was chosen to the model examined last, and examines that."""
+    steps += _steps(examined[-1].fitted, decision, searcher)
+    tell("locate", 0.0, f"what is left with {steps[-1].effect}")
+    examined.append(examine_settled(steps[-1].after, searcher, seed, estimated, tell))
+    steps[-1] = dataclasses.replace(steps[-1], after=examined[-1].fitted)
+
+
 def one_for_two(
     examined: list[Examined], decisions: list[Decision], steps: list[Step], searcher: Searcher, seed: int,
     estimated: tuple[bool, ...], tell: Progress,
-) -> None:  # fmt: skip
-    """Puts one effect in the place of the last two, where it does as well: which two led to the right mode of the other
-    unknowns, far from it no effect is foretold what it can do, and one cause is more probable than two."""
+) -> list[str]:  # fmt: skip
+    """Puts one effect in the place of the last two, where it does as well: the two may have led to the right mode of
+    the other unknowns, far from which nothing foretells what an effect can do; and one cause is more probable than
+    two. Returns the names replaced."""
     if len(examined) < 3:
-        return
+        return []
     before, last = examined[-3], examined[-1]
     decision = beside(before.fitted, before.scored, last.fitted, searcher, tell)
     more = len(last.fitted.point) - len(before.fitted.point)
     both = log_evidence(before.fitted.chi2 - last.fitted.chi2, more, decision.inflation, decision.effective)
-    if decision.chosen is not None and decision.chosen.log_evidence > both - CLOSE:
-        _back_to(before.fitted, examined, steps)
-        decisions[-2:] = [decision]
-        steps += _steps(before.fitted, decision, searcher)
-        examined.append(examine_settled(steps[-1].after, searcher, seed, estimated, tell))
-        steps[-1] = dataclasses.replace(steps[-1], after=examined[-1].fitted)
+    if decision.chosen is None or decision.chosen.log_evidence < both - CLOSE:
+        return []
+    names = _back_to(before.fitted, examined, steps)
+    decisions[-2:] = [decision]
+    _take(decision, examined, steps, searcher, seed, estimated, tell)
+    return [name for name in names if name != decision.chosen.candidate.name]
 
 
 def _withdraw(examined: list[Examined], steps: list[Step], searcher: Searcher) -> list[str]:
