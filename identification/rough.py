@@ -157,10 +157,9 @@ def _scattered(
         lengths = np.exp(rng.uniform(0.0, math.log(_FARTHEST), (_SCATTERED, 1)))
         moves = lengths * rng.standard_normal((_SCATTERED, len(deviations))) @ deviations
         moved, reached, _ = nearest(likelihood, point, list(moves))
-        if reached < least - _GAIN * worth:
-            point, least, misses = moved, reached, 0
-        else:
-            misses += 1
+        misses = 0 if reached < least - _ROUGH * worth else misses + 1
+        if reached < least:
+            point, least = moved, reached
     return point, least
 
 
