@@ -27,8 +27,9 @@ _DAMPINGS, _LENGTHS, ROUNDS, _GAIN = (0.0, 1e-2, 1e-1), (1.0, 0.5, 0.2), 8, 0.5
 #: Steps along single principal directions that are tried besides, in standard deviations.
 _STRIDES = (3.0, 10.0, 30.0)
 #: Where the shortest of them leave a χ² so far from what the derivatives foretell, over what a reading leaves, random
-#: steps are tried: so many at a time, of up to so many standard deviations each way, until so many times in a row miss.
-_ROUGH, _SCATTERED, _FARTHEST, _MISSES = 10.0, 48, 100.0, 4
+#: steps are tried: so many at a time, of up to so many standard deviations each way, until so many times in a row gain
+#: less than that. What a reading leaves, over the noise's variance, beyond which a model is far above the noise.
+_ROUGH, _SCATTERED, _FARTHEST, _MISSES, _FAR = 10.0, 48, 100.0, 4, 4.0
 #: What the readings say of a principal direction, of all they could, below which it counts as not seen.
 _SEEN = 1e-9
 
@@ -90,12 +91,15 @@ def _between(likelihood: Likelihood, point: np.ndarray, step: np.ndarray, length
 
 
 def polish(likelihood: Likelihood, point: np.ndarray, rounds: int = ROUNDS) -> np.ndarray:
-    """Where steps by the broad derivatives lead from a point, on and on while χ² falls; (D,)."""
+    """Where steps by the broad derivatives lead from a point, on and on while χ² falls; (D,). Far above the noise, where
+    jumps are the least of what a model lacks, one round of them."""
     widths = _WIDEST * steps(likelihood)
-    for _ in range(rounds):
+    for i in range(rounds):
         residuals = likelihood.residuals(point)
         least = float(np.sum(residuals**2))
         worth = unit(least, len(residuals))
+        if i > 0 and worth > _FAR:
+            break
         J = broad_jacobian(likelihood, point, residuals, widths)
         deviations = _deviations(J, math.sqrt(worth))
         enough = least - _GAIN * worth
@@ -105,7 +109,8 @@ def polish(likelihood: Likelihood, point: np.ndarray, rounds: int = ROUNDS) -> n
             moved, reached, costs = nearest(likelihood, point, strides)
             short = 2 * len(deviations)
             foretold = [float(np.sum((residuals + J @ stride) ** 2)) for stride in strides[:short]]
-            if not reached < enough and np.median(np.abs(costs[:short] - foretold)) > _ROUGH * worth:
+            unforeseen = float(np.median(np.abs(costs[:short] - foretold)))
+            if not reached < enough and worth < _FAR and unforeseen > _ROUGH * worth:
                 moved, reached = _scattered(likelihood, point, least, deviations, worth)
         if not reached < enough:
             break

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from cradle_env.cradle import Cradle
-from cradle_env.effects import Effect, Parameter, effect, known_effects
+from cradle_env.effects import MODELS, Effect, Parameter, effect, known_effects
 from identification.experiment import Experiment
 from identification.unknowns import element_names
 
@@ -142,8 +142,10 @@ def with_effects(
 
 
 def without_effect(experiment: Experiment, name: str) -> Experiment:
-    """The experiment with one of the effects that were added to its base model taken out."""
+    """The experiment with one effect taken out of its model: one that was added to its base, or one of the base's."""
     effects = {key: values for key, values in experiment.cradle.effects.items() if key != name}
+    if name in MODELS[experiment.cradle.model]:
+        effects[f"-{name}"] = {}
     unknown = tuple(key for key in experiment.unknown_effect_parameters if key.partition(".")[0] != name)
     return dataclasses.replace(
         experiment, cradle=experiment.cradle.replace(effects=effects), unknown_effect_parameters=unknown

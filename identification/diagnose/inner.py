@@ -16,7 +16,7 @@ _INNER = 2.0 / 3.0
 EQUAL = 0.01
 #: The gap from which on a model leaves far more than noise; and how much larger the gap of a prediction than that of
 #: the fit may be where the two are still in step.
-_FAR, _IN_STEP = 2.0, 2.0
+FAR, _IN_STEP = 2.0, 2.0
 
 
 def inner(experiment: Experiment) -> Experiment:
@@ -36,7 +36,7 @@ def predictions(without: Fitted, refit: Fitted, searcher: Searcher) -> tuple[flo
 
     None near the noise, or where the model without predicts out of step.
     """
-    if refit.training_gap() < _FAR:
+    if refit.training_gap() < FAR:
         return None
     before = _fitted_within(without, searcher)
     if before.held_out_gap() > _IN_STEP * before.training_gap():

@@ -14,6 +14,7 @@ from identification.diagnose.diagnosis import Diagnosis
 from identification.diagnose.fitted import Fitted, with_known_noise
 from identification.diagnose.repair import Repaired, repair
 from identification.diagnose.search import Searcher, Store
+from identification.diagnose.simpler import simpler, taken_out
 from identification.diagnose.slips import check_slips
 from identification.experiment import Experiment
 from identification.fit import Progress
@@ -40,7 +41,9 @@ def diagnose(
     searcher = Searcher(store, seed, workers)
     warnings = check_readings(known)
     tell("search", 0.0, "the model as given")
-    base = searcher.globally(known, tell)
+    given = searcher.globally(known, tell)
+    base = simpler(given, searcher, tell)
+    warnings = (*warnings, *taken_out(base, given))
     tell("check", 0.0, "whether the readings hang together")
     whole = searcher.on_everything(base)
     check_agreement(whole, seed, tell)

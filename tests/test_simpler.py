@@ -1,0 +1,49 @@
+"""A model that the data are far from either way is diagnosed without what they hold no evidence for."""
+
+import pytest
+
+from identification import Experiment
+from identification.diagnose.fitted import with_known_noise
+from identification.diagnose.search import Searcher, Store
+from identification.diagnose.simpler import simpler, taken_out
+from tests.independent.laboratory import record, write_experiment
+from tests.independent.soft_contact import SoftCradle
+
+
+def base_of(folder, strings, offset, **entries):
+    """The fit of the NSP to two bobs of free state, a spacer's offset hidden, and a search over their data."""
+    hidden = {"spacer_offset": {"offset": [offset]}}
+    cradle = SoftCradle(2, strings=strings, stiffness_factor=1e4, effects=hidden, kappa=190.0)
+    recording = record(cradle, {2: 0.228}, duration=12.0, seed=4)
+    entries = {"infer": {"length": {"mean": 0.3, "sd": 0.003}}, **entries}
+    path = write_experiment(folder, [recording], run={"state": "free", "release": None}, **entries)
+    searcher = Searcher(Store(None, ""), 0, None)
+    return searcher.globally(with_known_noise(Experiment.load(path))), searcher
+
+
+def test_strings_that_do_not_show_are_taken_as_rigid(tmp_path):
+    given, searcher = base_of(tmp_path, "rigid", 0.01)
+    rigid = simpler(given, searcher, lambda *_: None)
+    assert rigid.cradle.model == "nsp"
+    assert [e.name for e in given.cradle.composition if not rigid.cradle.has(e.name)] == [
+        "radial_elasticity", "string_hysteresis"
+    ]  # fmt: skip
+    assert len(given.point) - len(rigid.point) == 1 + 2 * 3  # κ, and stretch, its rate and the tension of each bob
+    (told,) = taken_out(rigid, given)
+    assert "radial_elasticity and string_hysteresis" in told
+    assert "7 unknowns" in told
+
+
+@pytest.mark.parametrize(
+    ("strings", "offset", "infer"),
+    [
+        ("hysteretic", 0.01, {}),  # they show
+        ("rigid", 0.0, {}),  # the model is right otherwise: what is missing must be told, not hidden
+        ("rigid", 0.01, {"kappa": {"mean": 190.0, "sd": 1.0}}),  # they are known
+    ],
+)
+def test_other_strings_stay(strings, offset, infer, tmp_path):
+    given, searcher = base_of(tmp_path, strings, offset, infer={"length": {"mean": 0.3, "sd": 0.003}, **infer})
+    kept = simpler(given, searcher, lambda *_: None)
+    assert kept is given
+    assert taken_out(kept, given) == []
