@@ -28,8 +28,10 @@ _DAMPINGS, _LENGTHS, ROUNDS, _GAIN = (0.0, 1e-2, 1e-1), (1.0, 0.5, 0.2), 8, 0.5
 _STRIDES = (3.0, 10.0, 30.0)
 #: Where the shortest of them leave a χ² so far from what the derivatives foretell, over what a reading leaves, random
 #: steps are tried: so many at a time, of up to so many standard deviations each way, until so many times in a row gain
-#: less than that. What a reading leaves, over the noise's variance, beyond which a model is far above the noise.
-_ROUGH, _SCATTERED, _FARTHEST, _MISSES, _FAR = 10.0, 48, 100.0, 4, 4.0
+#: less than that.
+_ROUGH, _SCATTERED, _FARTHEST, _MISSES = 10.0, 48, 100.0, 4
+#: What a reading leaves, over the variance of the noise, from which on a model is far from the data.
+FAR = 4.0
 #: What the readings say of a principal direction, of all they could, below which it counts as not seen.
 _SEEN = 1e-9
 
@@ -91,14 +93,14 @@ def _between(likelihood: Likelihood, point: np.ndarray, step: np.ndarray, length
 
 
 def polish(likelihood: Likelihood, point: np.ndarray, rounds: int = ROUNDS) -> np.ndarray:
-    """Where steps by the broad derivatives lead from a point, on and on while χ² falls; (D,). Far above the noise, where
-    jumps are the least of what a model lacks, one round of them."""
+    """Where steps by the broad derivatives lead from a point, on and on while χ² falls; (D,). Far above the noise,
+    where jumps are the least of what a model lacks, one round of them."""
     widths = _WIDEST * steps(likelihood)
     for i in range(rounds):
         residuals = likelihood.residuals(point)
         least = float(np.sum(residuals**2))
         worth = unit(least, len(residuals))
-        if i > 0 and worth > _FAR:
+        if i > 0 and worth > FAR:
             break
         J = broad_jacobian(likelihood, point, residuals, widths)
         deviations = _deviations(J, math.sqrt(worth))
@@ -110,7 +112,7 @@ def polish(likelihood: Likelihood, point: np.ndarray, rounds: int = ROUNDS) -> n
             short = 2 * len(deviations)
             foretold = [float(np.sum((residuals + J @ stride) ** 2)) for stride in strides[:short]]
             unforeseen = float(np.median(np.abs(costs[:short] - foretold)))
-            if not reached < enough and worth < _FAR and unforeseen > _ROUGH * worth:
+            if not reached < enough and worth < FAR and unforeseen > _ROUGH * worth:
                 moved, reached = _scattered(likelihood, point, least, deviations, worth)
         if not reached < enough:
             break

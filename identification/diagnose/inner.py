@@ -4,7 +4,9 @@ it. This extrapolates as the whole does, and never looks at what is held out."""
 from __future__ import annotations
 
 import dataclasses
+import math
 
+from identification import rough
 from identification.diagnose.fitted import Fitted
 from identification.diagnose.search import Searcher, finished, fit_key, placed
 from identification.experiment import Experiment
@@ -16,7 +18,7 @@ _INNER = 2.0 / 3.0
 EQUAL = 0.01
 #: The gap from which on a model leaves far more than noise; and how much larger the gap of a prediction than that of
 #: the fit may be where the two are still in step.
-FAR, _IN_STEP = 2.0, 2.0
+FAR, _IN_STEP = math.sqrt(rough.FAR), 2.0
 
 
 def inner(experiment: Experiment) -> Experiment:
