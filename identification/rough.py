@@ -30,8 +30,9 @@ _STRIDES = (3.0, 10.0, 30.0)
 #: steps are tried: so many at a time, of up to so many standard deviations each way, until so many times in a row gain
 #: less than that.
 _ROUGH, _SCATTERED, _FARTHEST, _MISSES = 10.0, 48, 100.0, 4
-#: What a reading leaves, over the variance of the noise, from which on a model is far from the data.
-FAR = 4.0
+#: What a reading leaves, over the variance of the noise, from which on a model is far from the data; the share of χ²
+#: that another round must then have gained for the next.
+FAR, _FAST = 4.0, 0.1
 #: What the readings say of a principal direction, of all they could, below which it counts as not seen.
 _SEEN = 1e-9
 
@@ -94,14 +95,15 @@ def _between(likelihood: Likelihood, point: np.ndarray, step: np.ndarray, length
 
 def polish(likelihood: Likelihood, point: np.ndarray, rounds: int = ROUNDS) -> np.ndarray:
     """Where steps by the broad derivatives lead from a point, on and on while χ² falls; (D,). Far above the noise,
-    where jumps are the least of what a model lacks, one round of them."""
-    widths = _WIDEST * steps(likelihood)
-    for i in range(rounds):
+    where jumps are the least of what a model lacks, while it falls fast."""
+    widths, last = _WIDEST * steps(likelihood), math.inf
+    for _ in range(rounds):
         residuals = likelihood.residuals(point)
         least = float(np.sum(residuals**2))
         worth = unit(least, len(residuals))
-        if i > 0 and worth > FAR:
+        if worth > FAR and least > (1.0 - _FAST) * last:
             break
+        last = least
         J = broad_jacobian(likelihood, point, residuals, widths)
         deviations = _deviations(J, math.sqrt(worth))
         enough = least - _GAIN * worth

@@ -14,15 +14,16 @@ from cradle_env.effects import effect
 from cradle_env.model_files import read_model
 from identification import Experiment, diagnose
 from identification.cli import main
+from identification.diagnose import course, repair
 from identification.diagnose.candidates import candidates, starts
-from identification.diagnose.decide import Decision, coloured, refitted
+from identification.diagnose.course import Course, Step
+from identification.diagnose.decide import Decision, coloured, decide, refitted
 from identification.diagnose.diagnosis import VERDICTS, Interval, effect_parameters
 from identification.diagnose.fitted import Fitted, with_known_noise
 from identification.diagnose.foretold import allowed_gap
 from identification.diagnose.intervals import intervals
 from identification.diagnose.law import can_outdo
 from identification.diagnose.locate import locate, log_tail
-from identification.diagnose.repair import Step, examine, one_for_two
 from identification.diagnose.report import save, sentence
 from identification.diagnose.score import family_p, score
 from identification.diagnose.search import Searcher, Store, finished
@@ -236,16 +237,37 @@ def test_one_effect_takes_the_place_of_two_where_it_does_as_well(hidden, tmp_pat
     two = ("pivot_friction", "group_drag") if len(hidden) == 1 else hidden
     fits = [base, added(base, two[0])]
     fits.append(added(fits[1], two[1]))
-    examined = [examine(fitted, 0, (False,)) for fitted in fits]
-    of_two = Decision((), None, 1.0, 1.0, 1.0)
-    decisions = [dataclasses.replace(of_two) for _ in two]
-    steps = [Step(two[i], fits[i], fits[i + 1], 1.0, decisions[i]) for i in range(2)]
-    replaced = one_for_two(examined, decisions, steps, searcher, 0, (False,), lambda *_: None)
-    assert set(replaced) == (set() if len(hidden) == 2 else set(two))
-    assert tuple(step.effect for step in steps) == hidden
-    assert len(decisions) == len(hidden)
-    assert examined[-1].fitted is steps[-1].after
-    assert [e.fitted for e in examined[:-1]] == fits[: len(hidden)]
+    of_two = [Decision((), None, 1.0, 1.0, 1.0) for _ in two]
+    so_far = Course(searcher, 0, (False,), lambda *_: None)
+    so_far.examined += [so_far.examine(fitted) for fitted in fits]
+    so_far.decisions += of_two
+    so_far.steps += [Step(two[i], fits[i], fits[i + 1], 1.0, of_two[i]) for i in range(2)]
+    so_far._one_for_two()
+    assert set(so_far.replaced) == (set() if len(hidden) == 2 else set(two))
+    assert tuple(step.effect for step in so_far.steps) == hidden
+    assert len(so_far.decisions) == len(hidden)
+    assert so_far.examined[-1].fitted is so_far.steps[-1].after
+    assert all(before.fitted is step.before for before, step in zip(so_far.examined, so_far.steps, strict=False))
+
+
+def test_a_repair_ends_where_one_effect_of_two_alone_is_nearly_as_good(tmp_path, monkeypatch):
+    """A spacer's offset that is significant, and of little evidence: it must not be taken and dropped for ever."""
+    hidden = {"quadratic_drag": {"c2": 0.02}, "spacer_offset": {"offset": [1.1e-4]}}
+    searcher = Searcher(Store(None, ""), 0, 1)
+    base = searcher.globally(with_known_noise(Experiment.load(written(tmp_path, hidden))))
+    decided = []
+
+    def counted(*arguments):
+        decided.append(decide(*arguments))
+        assert len(decided) < 6
+        return decided[-1]
+
+    monkeypatch.setattr(course, "decide", counted)
+    monkeypatch.setattr(repair, "_outdoing", lambda *_: None)
+    repaired = repair.repair(base, searcher, 0, (False,), lambda *_: None)
+    names = [step.effect for step in repaired.steps]
+    assert names[:1] == ["quadratic_drag"]
+    assert not set(names) & set(repaired.removed)
 
 
 def test_a_law_is_not_learned_against_names_that_it_cannot_outdo(dragged):

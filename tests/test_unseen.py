@@ -6,9 +6,10 @@ import pytest
 
 from identification import Experiment
 from identification.diagnose.candidates import with_effects
+from identification.diagnose.course import examine
 from identification.diagnose.diagnosis import Diagnosis
 from identification.diagnose.fitted import with_known_noise
-from identification.diagnose.repair import Repaired, examine
+from identification.diagnose.repair import Repaired
 from identification.diagnose.search import Searcher, Store
 from identification.diagnose.unseen import unseen
 from tests.independent.laboratory import record, write_experiment

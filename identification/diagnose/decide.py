@@ -17,9 +17,9 @@ import numpy as np
 from cradle_env.simulation import SimulationError
 from identification.diagnose.candidates import Candidate, is_strength, one_sided
 from identification.diagnose.fitted import Fitted, Readings
-from identification.diagnose.inner import EQUAL, predictions
+from identification.diagnose.inner import EQUAL, FAR, predictions
 from identification.diagnose.score import Scored, family_p, surprise_of
-from identification.diagnose.search import Searcher
+from identification.diagnose.search import Searcher, only_noise
 from identification.fit import Progress
 
 #: Chance, over all candidates, at which one is accepted.
@@ -65,8 +65,8 @@ def decide(fitted: Fitted, scored: Scored, searcher: Searcher, tell: Progress, a
 
 
 def beside(fitted: Fitted, scored: Scored, other: Fitted, searcher: Searcher, tell: Progress) -> Decision:
-    """Refits all candidates from where another model has its mode, far above which none is fitted to the end; decides
-    between them and none."""
+    """Refits all candidates that bring no others, from where another model has its mode, far above which none is
+    fitted to the end; decides between them and none."""
     fits, enough = {}, other.chi2 + _ALWAYS * other.unit
     for i, s in enumerate(scored.scores):
         if len(s.candidate.effects) == 1:
@@ -76,6 +76,28 @@ def beside(fitted: Fitted, scored: Scored, other: Fitted, searcher: Searcher, te
             except (SimulationError, ValueError):
                 continue
     return _decision(fitted, fits, min([*fits.values(), other], key=lambda fit: fit.chi2), scored, searcher, ALPHA)
+
+
+def from_anywhere(
+    fitted: Fitted, decision: Decision, scored: Scored, searcher: Searcher, tell: Progress
+) -> Decision:  # fmt: skip
+    """A decision again, after searches from anywhere for the models with each of its candidates, the most probable
+    first, until one leaves only noise: from where the model without it has its mode, refits may not find the right
+    one. Far above the noise the same decision, for there no one candidate is all that is missing."""
+    if fitted.training_gap() > FAR:
+        return decision
+    fits = {refit.candidate: searcher.best(refit.fitted) for refit in decision.refits}
+    for i, candidate in enumerate(fits):
+        if any(map(only_noise, fits.values())):
+            break
+        tell("refit", i / len(fits), f"{candidate.label} from anywhere")
+        try:
+            fits[candidate] = searcher.globally(fits[candidate].experiment)
+        except SimulationError:
+            continue
+    fits = _alike(fitted, fits, scored, searcher, tell)
+    best = min(fits.values(), key=lambda fit: fit.chi2, default=fitted)
+    return _decision(fitted, fits, best, scored, searcher, ALPHA)
 
 
 def _decision(
@@ -102,8 +124,7 @@ def _predicts(fitted: Fitted, refit: Refit, searcher: Searcher) -> bool:
 
 
 def refitted(fitted: Fitted, scored: Scored, searcher: Searcher, tell: Progress) -> dict[Candidate, Fitted]:
-    """Fits of the model with each candidate worth it; then with each of them, and with what looks the same as the best
-    or one near it, from where the best has its mode."""
+    """Fits of the model with each candidate worth it; then from where the best has its mode."""
     tried, fits = worth_refitting(scored), {}
     likely = {s.candidate: s.likely for s in scored.scores}
     for i, candidate in enumerate(tried):
@@ -113,9 +134,18 @@ def refitted(fitted: Fitted, scored: Scored, searcher: Searcher, tell: Progress)
             fits[candidate] = searcher.adding(fitted, candidate, likely[candidate], enough)
         except (SimulationError, ValueError):  # this effect cannot be in this cradle
             continue
+    return _alike(fitted, fits, scored, searcher, tell)
+
+
+def _alike(
+    fitted: Fitted, fits: dict[Candidate, Fitted], scored: Scored, searcher: Searcher, tell: Progress
+) -> dict[Candidate, Fitted]:  # fmt: skip
+    """Fits of the model with each of some candidates, and with what looks the same as the best or one near it, from
+    where the best has its mode."""
     best = min(fits, key=lambda candidate: fits[candidate].chi2, default=None)
     if best is None:
         return fits
+    likely = {s.candidate: s.likely for s in scored.scores}
     enough = _enough(fitted, fits[best].chi2)
     near = (s for s in scored.scores if s.candidate in fits and fits[s.candidate].chi2 <= enough)
     others = list(dict.fromkeys([*fits, *(candidate for s in near for candidate in s.parallel)]))

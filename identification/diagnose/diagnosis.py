@@ -32,8 +32,8 @@ class Diagnosis:
 
     experiment: as given; repaired: the models examined and the steps between them, and the law learned of what they
     leave; final: the last model, the law in it, fitted to all that may be fitted; advice: the next experiment, None
-    where nothing is open; warnings: what to know about the readings; others: models that would do as well, fitted
-    likewise.
+    where nothing is open; warnings: what to know about the readings, and what was taken out of the model before
+    anything was added; others: models that would do as well, fitted likewise.
     """
 
     experiment: Experiment
@@ -46,7 +46,7 @@ class Diagnosis:
 
     @property
     def base(self) -> Fitted:
-        """The fit of the model as given."""
+        """The fit of the model as given, less what was taken out before anything was added."""
         return self.repaired.examined[0].fitted
 
     @property

@@ -6,10 +6,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from identification.diagnose.course import Examined
 from identification.diagnose.diagnosis import Diagnosis
 from identification.diagnose.fitted import Fitted
 from identification.diagnose.law_shape import Shape
-from identification.diagnose.repair import Examined
 from identification.fit import training_rows
 from identification.style import BLUE, GREEN, GREY, ORANGE, RED, quiet_grid, styled
 

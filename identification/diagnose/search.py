@@ -30,7 +30,7 @@ _FACTORS = (0.01, 0.1, 1.0, 3.0)
 #: over a rough misfit before a model is given up.
 _FOLLOWED, _FIRST, _KEPT, _LAST, _FEW = 3, 5, 2, 40, 2
 #: Searches from anywhere at most to make sure of a mode, and standard deviations of χ² that noise alone may leave.
-_ATTEMPTS, _NOISE = 3, 3.0
+_ATTEMPTS, _NOISE = 3, 1.0
 
 
 class Store:
@@ -86,23 +86,23 @@ class Searcher:
         def find() -> np.ndarray:
             return among_modes(likelihood, polish(likelihood, find_mode(likelihood, seed, tell).point))
 
-        return self._better(Fitted(likelihood, self.store.point(key, find)))
+        return self.best(Fitted(likelihood, self.store.point(key, find)))
 
     def settled(self, fitted: Fitted, tell: Progress | None = None) -> Fitted:
         """The best mode of a model again, with more effort: more searches from anywhere until one leaves no more than
         noise, for modes multiply with the bobs; then the modes about what is best by now, which may come from
         elsewhere."""
-        best = self._better(fitted)
+        best = self.best(fitted)
         for attempt in range(1, 1 + min(fitted.cradle.bobs, _ATTEMPTS)):
             try:
                 best = self.globally(fitted.experiment, tell, attempt)
             except SimulationError:  # from these draws nowhere
                 continue
-            if best.chi2 < best.count + _NOISE * math.sqrt(2.0 * best.count):
+            if only_noise(best):
                 break
         key = fit_key("settled", best.experiment, best.point.tolist())
         point = self.store.point(key, lambda: among_modes(best.likelihood, best.point))
-        return self._better(Fitted(best.likelihood, point))
+        return self.best(Fitted(best.likelihood, point))
 
     def nearby(self, experiment: Experiment, values: Mapping[str, float]) -> Fitted:
         """The best mode known of a model, or that which is reached from these values of its unknowns."""
@@ -112,7 +112,7 @@ class Searcher:
         likelihood = self.likelihood(experiment)
         key = fit_key("nearby", experiment, sorted(values.items()))
         point = placed(likelihood, values)
-        return self._better(Fitted(likelihood, self.store.point(key, lambda: finished(likelihood, point))))
+        return self.best(Fitted(likelihood, self.store.point(key, lambda: finished(likelihood, point))))
 
     def on_everything(self, fitted: Fitted) -> Fitted:
         """The fit moved to all readings that may be fitted, which choose nothing any more."""
@@ -145,7 +145,7 @@ class Searcher:
             return best_of(likelihood, tried, early_too=True, enough=enough)
 
         key = fit_key("adding", likelihood.experiment, fitted.point.tolist(), self.seed)
-        return self._better(Fitted(likelihood, self.store.point(key, find)))
+        return self.best(Fitted(likelihood, self.store.point(key, find)))
 
     def adding_beside(
         self, fitted: Fitted, candidate: Candidate, other: Fitted, likely: Sequence[Values] = (),
@@ -161,13 +161,13 @@ class Searcher:
         tried = [placed(likelihood, {**other.values, **flat(own.name, values)}) for values in several]
         key = fit_key("beside", likelihood.experiment, fitted.point.tolist(), other.point.tolist())
         point = self.store.point(key, lambda: best_of(likelihood, tried, early_too=False, enough=enough))
-        return self._better(Fitted(likelihood, point))
+        return self.best(Fitted(likelihood, point))
 
     def beside(self, fitted: Fitted, other: Fitted) -> Fitted:
         """The best fit of a model, once more: from where another model has its mode."""
         likelihood, point = fitted.likelihood, placed(fitted.likelihood, other.values)
         key = fit_key("beside", fitted.experiment, other.point.tolist())
-        return self._better(Fitted(likelihood, self.store.point(key, lambda: finished(likelihood, point))))
+        return self.best(Fitted(likelihood, self.store.point(key, lambda: finished(likelihood, point))))
 
     def _with(self, fitted: Fitted, candidate: Candidate) -> Likelihood:
         """The likelihood of the model with a candidate added, at its scale."""
@@ -178,13 +178,18 @@ class Searcher:
         """That of the training part."""
         return Likelihood(experiment, training_rows(experiment)[0], self.workers)
 
-    def _better(self, fitted: Fitted) -> Fitted:
-        """The best fit of this model so far."""
+    def best(self, fitted: Fitted) -> Fitted:
+        """The best fit of the model of a fit so far."""
         key = fit_key("best", fitted.experiment)
         known = self._best.get(key)
         if known is None or fitted.chi2 < known.chi2:
             self._best[key] = fitted
         return self._best[key]
+
+
+def only_noise(fitted: Fitted) -> bool:
+    """Whether a fit leaves no more χ² than noise alone may."""
+    return fitted.chi2 < fitted.count + _NOISE * math.sqrt(2.0 * fitted.count)
 
 
 def best_of(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from cradle_env.simulation import SimulationError
 from identification.diagnose.candidates import without_effect
 from identification.diagnose.decide import coloured, log_evidence
 from identification.diagnose.fitted import Fitted
@@ -13,27 +14,41 @@ from identification.fit import Progress
 _ELASTIC = "radial_elasticity"
 
 
-def simpler(fitted: Fitted, searcher: Searcher, tell: Progress) -> Fitted:
-    """The fit of the same model with rigid strings, where that is the more evident; else the fit as it is. Near the
-    noise, or where κ has a prior, nothing is taken out of a model."""
-    if fitted.training_gap() < FAR or not fitted.cradle.has(_ELASTIC) or "kappa" in fitted.experiment.infer:
-        return fitted
+def simpler(given: Fitted, searcher: Searcher, tell: Progress) -> Fitted:
+    """The fit of the same model with rigid strings, where both are far from the data and it is the more evident; else
+    the best mode of the model as it is. What has a prior is not taken out."""
+    going = _with_dependents(given)
+    known = {name.partition(".")[0] for name in given.experiment.infer}
+    if given.training_gap() < FAR or not given.cradle.has(_ELASTIC) or known & {"kappa", *going}:
+        return given
+    given = searcher.settled(given, tell)
     tell("search", 0.0, "the model with rigid strings")
-    model = fitted.experiment
-    for name in (*(own.name for own in fitted.cradle.composition if _ELASTIC in own.requires), _ELASTIC):
+    model = given.experiment
+    for name in going:
         model = without_effect(model, name)
-    rigid = searcher.globally(model, tell)
-    inflation, effective = coloured(min((fitted, rigid), key=lambda one: one.chi2))
-    more = len(fitted.point) - len(rigid.point)
-    return rigid if log_evidence(rigid.chi2 - fitted.chi2, more, inflation, effective) < 0.0 else fitted
+    try:
+        rigid = searcher.globally(model, tell)
+    except SimulationError:  # no cradle at all
+        return given
+    inflation, effective = coloured(min((given, rigid), key=lambda one: one.chi2))
+    more = len(given.point) - len(rigid.point)
+    evident = log_evidence(rigid.chi2 - given.chi2, more, inflation, effective) > 0.0
+    return given if evident or min(given.training_gap(), rigid.training_gap()) < FAR else rigid
 
 
 def taken_out(fitted: Fitted, given: Fitted) -> list[str]:
     """What to know where that was done."""
     names = [own.name for own in given.cradle.composition if not fitted.cradle.has(own.name)]
-    if not names:
-        return []
+    more = len(given.point) - len(fitted.point)
     return [
         f"{' and '.join(names)} taken out of the model: the readings are far from what it says with or without, and "
-        f"hold no evidence for them that would be worth {len(given.point) - len(fitted.point)} unknowns more"
-    ]
+        f"hold no evidence for them that would be worth {more} more unknown{'s' if more > 1 else ''}"
+    ] if names else []  # fmt: skip
+
+
+def _with_dependents(fitted: Fitted) -> list[str]:
+    """Elastic strings and what requires them, the last first."""
+    names = [_ELASTIC]
+    for name in names:
+        names += [own.name for own in fitted.cradle.composition if name in own.requires and own.name not in names]
+    return names[::-1]

@@ -1,0 +1,184 @@
+"""The course of a repair: the models examined, from the base on, the effects taken in between, and those replaced."""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from identification.diagnose.candidates import candidates
+from identification.diagnose.decide import ALPHA, CLOSE, Decision, beside, decide, from_anywhere, log_evidence
+from identification.diagnose.fitted import Fitted
+from identification.diagnose.locate import Located, locate, share
+from identification.diagnose.score import Scored, score
+from identification.diagnose.search import Searcher
+from identification.fit import Progress
+
+#: Replicates of each model.
+REPLICATES = 400
+#: Share of an effect's gain in χ² that another mode of the model without it must have to be looked at before anything
+#: is named.
+_MODE = 0.05
+
+
+@dataclass(frozen=True, eq=False)
+class Examined:
+    """A model under scrutiny: its fit, where it fails, the scores of what may be missing, and p of both together."""
+
+    fitted: Fitted
+    located: Located
+    scored: Scored
+    p: float
+
+    @property
+    def significant(self) -> bool:
+        """Whether the model leaves more than noise."""
+        return self.p < ALPHA
+
+
+@dataclass(frozen=True, eq=False)
+class Step:
+    """One effect added: the model before, what decided, and the fits without and with it (a requirement of the chosen
+    one has steps of its own)."""
+
+    effect: str
+    before: Fitted
+    after: Fitted
+    probability: float
+    decision: Decision | None
+
+
+@dataclass(eq=False)
+class Course:
+    """examined: the models, the base first; decisions: one for each model but the last, and that of the last where
+    nothing could be chosen; steps: the effects taken; replaced: names of those that gave way to others; seen: the
+    effects, with what they leave unknown, of each model examined."""
+
+    searcher: Searcher
+    seed: int
+    estimated: tuple[bool, ...]
+    tell: Progress
+    examined: list[Examined] = field(default_factory=list)
+    decisions: list[Decision] = field(default_factory=list)
+    steps: list[Step] = field(default_factory=list)
+    replaced: list[str] = field(default_factory=list)
+    seen: set[frozenset[str]] = field(default_factory=set)
+
+    def examine(self, fitted: Fitted) -> Examined:
+        """Locates and scores, against the same replicates; p of the lesser of the two p, by the replicates again."""
+        return examine(fitted, self.seed, self.estimated)
+
+    def settle(self, fitted: Fitted) -> Examined:
+        """Examines a model; where it leaves more than noise, first makes sure that no better mode explains that."""
+        found = self.examine(fitted)
+        if not found.significant:
+            return found
+        better = self.searcher.settled(fitted, self.tell)
+        return self.examine(better) if better.chi2 < fitted.chi2 - fitted.unit else found
+
+    def go_on(self) -> bool:
+        """Takes the most probable effect into the model examined last; whether there was one."""
+        now = self.examined[-1]
+        decision = decide(now.fitted, now.scored, self.searcher, self.tell)
+        if decision.chosen is None:
+            decision = from_anywhere(now.fitted, decision, now.scored, self.searcher, self.tell)
+        if decision.chosen is None:
+            self.decisions.append(decision)
+            return False
+        if self._in_a_better_mode(-1, decision.chosen.fitted, _MODE * decision.chosen.gain):
+            return True  # the model may lack less than it seemed
+        self._take(decision)
+        self._another()
+        self._one_for_two()
+        return True
+
+    def back_to(self, fitted: Fitted) -> list[str]:
+        """Takes back the steps beyond a model, with what was examined after it; returns the names."""
+        withdrawn = []
+        while self.examined[-1].fitted is not fitted:
+            decision = self.steps[-1].decision
+            while self.steps and self.steps[-1].decision is decision:
+                withdrawn.append(self.steps.pop().effect)
+            self.examined.pop()
+        return withdrawn
+
+    def _in_a_better_mode(self, which: int, other: Fitted, enough: float) -> bool:
+        """Examines a model again where it has a mode better by `enough` in χ² that another leads to; whether it has."""
+        was = self.examined[which].fitted
+        better = self.searcher.beside(was, other)
+        if was.chi2 - better.chi2 <= enough:
+            return False
+        self.examined[which] = self.examine(better)
+        for i, step in enumerate(self.steps):
+            before, after = (better if fitted is was else fitted for fitted in (step.before, step.after))
+            self.steps[i] = dataclasses.replace(step, before=before, after=after)
+        return True
+
+    def _another(self) -> None:
+        """Puts another effect in the place of the last, where that leaves more than noise and another, its model
+        searched from anywhere, is the more probable."""
+        if self.examined[-1].significant:
+            before, was = self.examined[-2], self.decisions[-1]
+            decision = from_anywhere(before.fitted, was, before.scored, self.searcher, self.tell)
+            if was.chosen and decision.chosen and decision.chosen.candidate != was.chosen.candidate:
+                self._instead(decision, 1)
+
+    def _one_for_two(self) -> None:
+        """Puts one effect in the place of the last two, where it does as well: the two may have led to the right mode
+        of the other unknowns, far from which nothing foretells what an effect can do; and one cause is more probable
+        than two."""
+        if len(self.examined) < 3:
+            return
+        last = self.examined[-1].fitted
+        self._in_a_better_mode(-3, last, last.unit)
+        before = self.examined[-3]
+        decision = beside(before.fitted, before.scored, last, self.searcher, self.tell)
+        more = len(last.point) - len(before.fitted.point)
+        both = log_evidence(before.fitted.chi2 - last.chi2, more, decision.inflation, decision.effective)
+        if decision.chosen is not None and decision.chosen.log_evidence > both - CLOSE:
+            self._instead(decision, 2)
+
+    def _instead(self, decision: Decision, count: int) -> None:
+        """Takes what a decision chose in the place of what the last `count` decisions did, unless that was examined
+        before: it would come to the same again."""
+        assert decision.chosen is not None
+        if _effects(decision.chosen.fitted) in self.seen:
+            return
+        names = self.back_to(self.examined[-1 - count].fitted)
+        self.replaced += [name for name in names if name != decision.chosen.candidate.name]
+        del self.decisions[-count:]
+        self._take(decision)
+
+    def _take(self, decision: Decision) -> None:
+        """Takes what a decision chose into the model examined last, and examines that: what the effect requires comes
+        first, each with a fit of its own."""
+        chosen, before = decision.chosen, self.examined[-1].fitted
+        assert chosen is not None
+        for name in chosen.candidate.effects:
+            if name == chosen.candidate.name:
+                after = chosen.fitted
+            else:
+                after = self.searcher.adding(before, next(c for c in candidates(before.cradle) if c.name == name))
+            self.steps.append(Step(name, before, after, decision.probability, decision))
+            before = after
+        self.decisions.append(decision)
+        self.tell("locate", 0.0, f"what is left with {self.steps[-1].effect}")
+        self.seen.add(_effects(before))
+        self.examined.append(self.settle(before))
+        self.steps[-1] = dataclasses.replace(self.steps[-1], after=self.examined[-1].fitted)
+
+
+def _effects(fitted: Fitted) -> frozenset[str]:
+    return frozenset({*fitted.cradle.effects, *fitted.experiment.unknown_effect_parameters})
+
+
+def examine(fitted: Fitted, seed: int, estimated: tuple[bool, ...]) -> Examined:
+    """Locates and scores, against the same replicates; p of the lesser of the two p, by the replicates again."""
+    replicates = fitted.replicates(REPLICATES, np.random.default_rng(seed), estimated)
+    located, scored = locate(fitted, replicates), score(fitted, replicates)
+    families = ((located.largest, located.replicas), (scored.largest, scored.replicas))
+    of_data = min(share(replicas, largest) for largest, replicas in families)
+    ranks = [1.0 - np.argsort(np.argsort(replicas)) / len(replicas) for _, replicas in families]
+    of_replicates = np.minimum(*ranks)
+    return Examined(fitted, located, scored, float((1 + np.sum(of_replicates < of_data)) / (1 + len(of_replicates))))
