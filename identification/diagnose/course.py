@@ -81,7 +81,7 @@ class Course:
         """Takes the most probable effect into the model examined last; whether there was one."""
         now = self.examined[-1]
         decision = decide(now.fitted, now.scored, self.searcher, self.tell)
-        if decision.chosen is None:
+        if decision.chosen is None and len(self.examined) == 1:
             decision = from_anywhere(now.fitted, decision, now.scored, self.searcher, self.tell)
         if decision.chosen is None:
             self.decisions.append(decision)
@@ -116,9 +116,9 @@ class Course:
         return True
 
     def _another(self) -> None:
-        """Puts another effect in the place of the last, where that leaves more than noise and another, its model
+        """Puts another effect in the place of the first, where that leaves more than noise and another, its model
         searched from anywhere, is the more probable."""
-        if self.examined[-1].significant:
+        if self.examined[-1].significant and len(self.examined) == 2:
             before, was = self.examined[-2], self.decisions[-1]
             decision = from_anywhere(before.fitted, was, before.scored, self.searcher, self.tell)
             if was.chosen and decision.chosen and decision.chosen.candidate != was.chosen.candidate:
