@@ -93,15 +93,17 @@ def _between(likelihood: Likelihood, point: np.ndarray, step: np.ndarray, length
     return (change - safe_residuals(likelihood, point - below * step, length)) / max(above + below, 1e-12)
 
 
-def polish(likelihood: Likelihood, point: np.ndarray, rounds: int = ROUNDS) -> np.ndarray:
+def polish(
+    likelihood: Likelihood, point: np.ndarray, rounds: int = ROUNDS, thorough: bool = False
+) -> np.ndarray:  # fmt: skip
     """Where steps by the broad derivatives lead from a point, on and on while χ² falls; (D,). Far above the noise,
-    where jumps are the least of what a model lacks, while it falls fast."""
+    where jumps are the least of what a model lacks, while it falls fast, unless asked to be thorough."""
     widths, last = _WIDEST * steps(likelihood), math.inf
     for _ in range(rounds):
         residuals = likelihood.residuals(point)
         least = float(np.sum(residuals**2))
         worth = unit(least, len(residuals))
-        if worth > FAR and least > (1.0 - _FAST) * last:
+        if worth > FAR and not thorough and least > (1.0 - _FAST) * last:
             break
         last = least
         J = broad_jacobian(likelihood, point, residuals, widths)

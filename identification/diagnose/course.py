@@ -125,10 +125,10 @@ class Course:
                 self._instead(decision, 1)
 
     def _one_for_two(self) -> None:
-        """Puts one effect in the place of the last two, where it does as well: the two may have led to the right mode
-        of the other unknowns, far from which nothing foretells what an effect can do; and one cause is more probable
-        than two."""
-        if len(self.examined) < 3:
+        """Puts one effect in the place of the last two, where they leave only noise and it does as well: the two may
+        have led to the right mode of the other unknowns, far from which nothing foretells what an effect can do; and
+        one cause is more probable than two."""
+        if len(self.examined) < 3 or self.examined[-1].significant:
             return
         last = self.examined[-1].fitted
         self._in_a_better_mode(-3, last, last.unit)

@@ -51,4 +51,4 @@ def _fitted_within(fitted: Fitted, searcher: Searcher) -> Fitted:
     likelihood = searcher.likelihood(inner(fitted.experiment))
     key = fit_key("inner", likelihood.experiment, fitted.point.tolist())
     start = placed(likelihood, fitted.values)
-    return Fitted(likelihood, searcher.store.point(key, lambda: finished(likelihood, start)))
+    return Fitted(likelihood, searcher.store.point(key, lambda: finished(likelihood, start, thorough=True)))

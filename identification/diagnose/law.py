@@ -186,9 +186,8 @@ def _free(
         ]
         costs = in_threads(lambda z: cost(likelihood, z), starts, likelihood.workers)
         point = refine(likelihood, starts[int(np.argmin(costs))], _EVALUATIONS)[0]
-        return (
-            polish(likelihood, point, ROUNDS if experiment is fitted.experiment else _INNER_ROUNDS) if meet else point
-        )
+        rounds = ROUNDS if experiment is fitted.experiment else _INNER_ROUNDS
+        return polish(likelihood, point, rounds, thorough=True) if meet else point
 
     return Fitted(likelihood, searcher.store.point(key, find))
 

@@ -224,9 +224,9 @@ def best_of(
     return polish(likelihood, min(ends, key=lambda pair: pair[1])[0])
 
 
-def finished(likelihood: Likelihood, point: np.ndarray) -> np.ndarray:
-    """The mode near a point, (D,)."""
-    return polish(likelihood, refine(likelihood, point, _LAST)[0])
+def finished(likelihood: Likelihood, point: np.ndarray, thorough: bool = False) -> np.ndarray:
+    """The mode near a point, (D,); thorough: see `polish`."""
+    return polish(likelihood, refine(likelihood, point, _LAST)[0], thorough=thorough)
 
 
 def placed(likelihood: Likelihood, values: Mapping[str, float]) -> np.ndarray:
