@@ -177,8 +177,8 @@ class Apparatus:
     def record(self, strengths: list[float], noisy: bool, rate: float | None = None) -> Recording:
         """The recording at these strengths, 45 s of it."""
         effects = self.effects(strengths)
-        factor = _STIFFENED_UNEVEN if self.bobs > 2 and _UNEVEN & {*effects} else STIFFENED
-        factor = 1.0 if "contact_duration" in effects else factor
+        uneven = self.bobs > 2 and not _UNEVEN.isdisjoint(effects)
+        factor = 1.0 if "contact_duration" in effects else _STIFFENED_UNEVEN if uneven else STIFFENED
         cradle = SoftCradle(self.bobs, stiffness_factor=factor, effects=effects, **self.truth)
         noise = self.noise if noisy else 0.0
         return record(cradle, {self.bobs: self.angle}, noise=noise, rate=rate or self.rate, duration=45.0,

@@ -16,7 +16,7 @@ from identification.diagnose.search import Searcher
 from identification.fit import Progress
 
 #: Replicates of each model.
-REPLICATES = 400
+_REPLICATES = 400
 #: Share of an effect's gain in χ² that another mode of the model without it must have to be looked at before anything
 #: is named.
 _MODE = 0.05
@@ -66,7 +66,7 @@ class Course:
     seen: set[frozenset[str]] = field(default_factory=set)
 
     def examine(self, fitted: Fitted) -> Examined:
-        """Locates and scores, against the same replicates; p of the lesser of the two p, by the replicates again."""
+        """A model under scrutiny, as all others of this course are."""
         return examine(fitted, self.seed, self.estimated)
 
     def settle(self, fitted: Fitted) -> Examined:
@@ -175,7 +175,7 @@ def _effects(fitted: Fitted) -> frozenset[str]:
 
 def examine(fitted: Fitted, seed: int, estimated: tuple[bool, ...]) -> Examined:
     """Locates and scores, against the same replicates; p of the lesser of the two p, by the replicates again."""
-    replicates = fitted.replicates(REPLICATES, np.random.default_rng(seed), estimated)
+    replicates = fitted.replicates(_REPLICATES, np.random.default_rng(seed), estimated)
     located, scored = locate(fitted, replicates), score(fitted, replicates)
     families = ((located.largest, located.replicas), (scored.largest, scored.replicas))
     of_data = min(share(replicas, largest) for largest, replicas in families)

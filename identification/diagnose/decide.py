@@ -60,8 +60,7 @@ class Decision:
 def decide(fitted: Fitted, scored: Scored, searcher: Searcher, tell: Progress, alpha: float = ALPHA) -> Decision:
     """Refits the candidates worth it, and decides between them and none."""
     fits = refitted(fitted, scored, searcher, tell)
-    best = min(fits.values(), key=lambda fit: fit.chi2, default=fitted)
-    return _decision(fitted, fits, best, scored, searcher, alpha)
+    return _decision(fitted, fits, scored, searcher, alpha=alpha)
 
 
 def beside(fitted: Fitted, scored: Scored, other: Fitted, searcher: Searcher, tell: Progress) -> Decision:
@@ -75,7 +74,7 @@ def beside(fitted: Fitted, scored: Scored, other: Fitted, searcher: Searcher, te
                 fits[s.candidate] = searcher.adding_beside(fitted, s.candidate, other, s.likely, enough)
             except (SimulationError, ValueError):
                 continue
-    return _decision(fitted, fits, min([*fits.values(), other], key=lambda fit: fit.chi2), scored, searcher, ALPHA)
+    return _decision(fitted, fits, scored, searcher, other)
 
 
 def from_anywhere(
@@ -96,14 +95,15 @@ def from_anywhere(
         except SimulationError:
             continue
     fits = _alike(fitted, fits, scored, searcher, tell)
-    best = min(fits.values(), key=lambda fit: fit.chi2, default=fitted)
-    return _decision(fitted, fits, best, scored, searcher, ALPHA)
+    return _decision(fitted, fits, scored, searcher)
 
 
 def _decision(
-    fitted: Fitted, fits: Mapping[Candidate, Fitted], best: Fitted, scored: Scored, searcher: Searcher, alpha: float
-) -> Decision:
-    """Judges fits of a model with a candidate more, by the noise that the best model leaves."""
+    fitted: Fitted, fits: Mapping[Candidate, Fitted], scored: Scored, searcher: Searcher, *others: Fitted,
+    alpha: float = ALPHA,
+) -> Decision:  # fmt: skip
+    """Judges fits of a model with a candidate more, by the noise that the best of them and of others leaves."""
+    best = min([*fits.values(), *others], key=lambda fit: fit.chi2, default=fitted)
     inflation, effective = coloured(best)
     refits = []
     for candidate, fit in fits.items():
