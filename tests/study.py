@@ -3,7 +3,7 @@
 Each case is an experiment made by the soft-contact reference, which shares no code with the package, and its
 diagnosis. What is hidden is as strong as an oracle says: the χ² that the best wrong model would leave over that of the
 right one. Cases are made and diagnosed one at a time and kept in DIR, so that the same command goes on;
-`python -m tests.study_table DIR` writes the tables. Odd rounds from the third on are held out: nothing is chosen by
+`python -m tests.study_table DIR` adds them to the tables. Odd rounds from the third on are held out: nothing is chosen by
 looking at them.
 """
 
@@ -291,7 +291,7 @@ def run(case: Case, folder: Path) -> None:
     path = apparatus.write(out, apparatus.record(strengths, True))
     known = case.kinds and case.kinds[0] in UNKNOWNS
     answer = {"effects": ["?"] if known else [kind.name for kind in case.kinds], "truth": apparatus.truth}
-    began = time.monotonic()
+    began = time.process_time()
     row = {
         "case": case.name, "held_out": case.held_out, "bobs": apparatus.bobs, "noise": apparatus.noise,
         "rate": apparatus.rate, "target": case.target, "oracle": round(delta, 1), "variant": case.variant,
@@ -302,7 +302,7 @@ def run(case: Case, folder: Path) -> None:
     except Exception as problem:  # a crash is a miss, to be listed as such
         row |= {"hidden": answer["effects"], "verdict": f"crashed: {problem!r}", "named": [], "one of": [],
                 "gap after": None, "right": False, "errors": {}, "trace": traceback.format_exc(),
-                "seconds": round(time.monotonic() - began, 1)}  # fmt: skip
+                "seconds": round(time.process_time() - began, 1)}  # fmt: skip
     shutil.rmtree(out / "clean", ignore_errors=True)
     for data in out.glob("run*.csv"):
         data.unlink()
@@ -315,15 +315,15 @@ def run(case: Case, folder: Path) -> None:
 
 def judged(path: Path, out: Path, answer: dict) -> dict:
     """The diagnosis of a case; margin: what χ² the best wrong model leaves over that of the right one, both refitted
-    to these very data."""
+    to these very data. Its seconds are those of the processor: a study shares its machine."""
     from identification.bench import diagnosis as bench
     from identification.diagnose import diagnose
     from identification.diagnose.report import save
     from identification.experiment import Experiment
 
-    began = time.monotonic()
+    began = time.process_time()
     diagnosis = diagnose(Experiment.load(path), seed=0, workers=1)
-    row = bench.row(save(diagnosis, out), answer) | {"seconds": round(time.monotonic() - began, 1)}
+    row = bench.row(save(diagnosis, out), answer) | {"seconds": round(time.process_time() - began, 1)}
     hidden, first = set(answer["effects"]), diagnosis.repaired.examined[0].fitted
     refits = [refit for decision in diagnosis.repaired.decisions[:1] for refit in decision.refits]
     right = [refit.fitted.chi2 for refit in refits if refit.candidate.name in hidden]

@@ -1,4 +1,8 @@
-"""The tables of a study of diagnoses: python -m tests.study_table DIR > docs/study.md"""
+"""The tables of a study of diagnoses: python -m tests.study_table DIR
+
+The cases finished in DIR join those kept in docs/study.jsonl, one a line, and take the place of their like;
+docs/study.md is made of all.
+"""
 
 from __future__ import annotations
 
@@ -16,6 +20,8 @@ from .study import STIFFENED
 
 #: Cases by what the best wrong model, refitted, leaves over the right one, by the oracle [Δχ²].
 BINS = ((-math.inf, 35.0, "about 15"), (35.0, 100.0, "about 50"), (100.0, math.inf, "about 200"))
+
+ROWS, PAGE = (Path(__file__).parents[1] / "docs" / name for name in ("study.jsonl", "study.md"))
 
 #: How long impacts of the stiffened reference last, as a share of real ones.
 SHORTENED = STIFFENED**-0.4
@@ -83,7 +89,7 @@ def summary(rows: list[Row]) -> list[str]:
             lines.append((f"error of {key} over its sd, {bobs}: mean (≤ 0.2), rms (0.8–1.25)",
                           f"{errors.mean():+.2f}, {np.sqrt(np.mean(errors**2)):.2f} ({len(errors)})"))  # fmt: skip
     seconds = np.array([row["seconds"] for row in rows])
-    lines.append(("seconds a case on one core: median, largest", f"{np.median(seconds):.0f}, {seconds.max():.0f}"))
+    lines.append(("seconds of one core a case: median, largest", f"{np.median(seconds):.0f}, {seconds.max():.0f}"))
     return table(("", "measured"), lines)
 
 
@@ -130,7 +136,8 @@ def text(rows: list[Row]) -> str:
     commits = ", ".join(f"{n} by {commit}" for commit, n in Counter(row["commit"] for row in rows).most_common())
     head = (
         "# How often a diagnosis is right\n\n"
-        "Made by `python -m tests.study DIR` and `python -m tests.study_table DIR`: experiments of 45 s, written by\n"
+        "Made by `python -m tests.study DIR` and `python -m tests.study_table DIR`, of docs/study.jsonl, which keeps every\n"
+        "case: experiments of 45 s, written by\n"
         "the soft-contact reference, each with one thing hidden, two, none, or a force that is in no catalogue.\n"
         "Δχ² is what the best wrong model leaves over the right one. In brackets 95 % intervals.\n"
         "Odd rounds from the third on are held out: nothing was chosen by looking at them.\n"
@@ -144,5 +151,15 @@ def text(rows: list[Row]) -> str:
     return "\n".join(parts)
 
 
+def main() -> None:
+    """Adds the cases of a folder to those kept, and writes the page anew."""
+    lines = ROWS.read_text(encoding="utf-8").splitlines() if ROWS.is_file() else []
+    rows = {row["case"]: row for row in map(json.loads, lines)}
+    rows |= {row["case"]: row for row in map(loaded, Path(sys.argv[1]).glob("*/result.json"))}
+    kept = [rows[case] for case in sorted(rows)]
+    ROWS.write_text("".join(json.dumps(row) + "\n" for row in kept), encoding="utf-8")
+    PAGE.write_text(text(kept), encoding="utf-8")
+
+
 if __name__ == "__main__":
-    print(text([loaded(path) for path in sorted(Path(sys.argv[1]).glob("*/result.json"))]), end="")
+    main()
