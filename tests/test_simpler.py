@@ -38,6 +38,7 @@ def test_strings_that_do_not_show_are_taken_as_rigid(tmp_path):
     assert "7 more unknowns" in told
 
 
+@pytest.mark.slow
 def test_strings_that_show_stay(tmp_path):
     given, searcher = base_of(tmp_path, "hysteretic", 0.01)
     assert given.training_gap() > FAR

@@ -1,0 +1,41 @@
+"""Kernels compiled before they are needed, on two cores; later processes find them on disk."""
+
+from __future__ import annotations
+
+import multiprocessing
+from concurrent.futures import ProcessPoolExecutor
+
+import gymnasium
+import numpy as np
+
+from cradle_env.collisions import restitution_curve
+from cradle_env.cradle import Cradle, InitialState, Release
+from cradle_env.simulation import simulate
+from cradle_env.strings import string_tension
+
+
+def warm_up() -> None:
+    """Compiles every kernel for this machine, or loads it where that has been done."""
+    # Fresh processes: a fork would copy whatever threads of this one hold.
+    with ProcessPoolExecutor(2, mp_context=multiprocessing.get_context("spawn")) as pool:
+        for done in [pool.submit(simulations), pool.submit(environments)]:
+            done.result()
+
+
+def simulations() -> None:
+    """Calls every kernel of simulations."""
+    cradle = Cradle()
+    for beginning in (Release(angle=0.2), InitialState(np.zeros(5), np.zeros(5))):
+        simulate(cradle, beginning, duration=0.1)
+    restitution_curve(cradle, np.array([0.1]))
+    string_tension(cradle, np.array([1e-6]))
+
+
+def environments() -> None:
+    """Calls every kernel of environments."""
+    drawn = {"render_mode": "ansi"}
+    for env in (gymnasium.make("NewtonCradle-v0", **drawn), gymnasium.make_vec("NewtonCradle-v0", 2, **drawn)):
+        env.reset(seed=0)
+        env.step(env.action_space.sample())
+        env.render()
+        env.close()
