@@ -19,6 +19,7 @@ import time
 import traceback
 from dataclasses import dataclass
 from pathlib import Path
+from unittest import mock
 
 import numpy as np
 
@@ -315,15 +316,19 @@ def run(case: Case, folder: Path) -> None:
 
 def judged(path: Path, out: Path, answer: dict) -> dict:
     """The diagnosis of a case; margin: what χ² the best wrong model leaves over that of the right one, both refitted
-    to these very data. Its seconds are those of the processor: a study shares its machine."""
+    to these very data. No advice is asked for, nor a report: nothing judges them here. Its seconds are those of the
+    processor: a study shares its machine."""
     from identification.bench import diagnosis as bench
-    from identification.diagnose import diagnose
-    from identification.diagnose.report import save
+    from identification.diagnose import diagnose, workflow
     from identification.experiment import Experiment
+    from identification.files import json_text, write_together
 
     began = time.process_time()
-    diagnosis = diagnose(Experiment.load(path), seed=0, workers=1)
-    row = bench.row(save(diagnosis, out), answer) | {"seconds": round(time.process_time() - began, 1)}
+    with mock.patch.object(workflow, "_advice", lambda *_: None):
+        diagnosis = diagnose(Experiment.load(path), seed=0, workers=1)
+    content = diagnosis.content()
+    row = bench.row(content, answer) | {"seconds": round(time.process_time() - began, 1)}
+    write_together(out, {"diagnosis.json": json_text(content)})
     hidden, first = set(answer["effects"]), diagnosis.repaired.examined[0].fitted
     refits = [refit for decision in diagnosis.repaired.decisions[:1] for refit in decision.refits]
     right = [refit.fitted.chi2 for refit in refits if refit.candidate.name in hidden]

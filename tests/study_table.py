@@ -89,7 +89,7 @@ def summary(rows: list[Row]) -> list[str]:
             lines.append((f"error of {key} over its sd, {bobs}: mean (≤ 0.2), rms (0.8–1.25)",
                           f"{errors.mean():+.2f}, {np.sqrt(np.mean(errors**2)):.2f} ({len(errors)})"))  # fmt: skip
     seconds = np.array([row["seconds"] for row in rows])
-    lines.append(("seconds of one core a case: median, largest", f"{np.median(seconds):.0f}, {seconds.max():.0f}"))
+    lines.append(("seconds of one core a case, without advice: median, largest", f"{np.median(seconds):.0f}, {seconds.max():.0f}"))
     return table(("", "measured"), lines)
 
 
