@@ -3,8 +3,8 @@
 Each case is an experiment made by the soft-contact reference, which shares no code with the package, and its
 diagnosis. What is hidden is as strong as an oracle says: the χ² that the best wrong model would leave over that of the
 right one. Cases are made and diagnosed one at a time and kept in DIR, so that the same command goes on;
-`python -m tests.study_table DIR` adds them to the tables. Odd rounds from the third on are held out: nothing is chosen by
-looking at them.
+`python -m tests.study_table DIR` adds them to the tables. Odd rounds from the third on are held out: nothing is chosen
+by looking at them.
 """
 
 from __future__ import annotations

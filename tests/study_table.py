@@ -89,7 +89,8 @@ def summary(rows: list[Row]) -> list[str]:
             lines.append((f"error of {key} over its sd, {bobs}: mean (≤ 0.2), rms (0.8–1.25)",
                           f"{errors.mean():+.2f}, {np.sqrt(np.mean(errors**2)):.2f} ({len(errors)})"))  # fmt: skip
     seconds = np.array([row["seconds"] for row in rows])
-    lines.append(("seconds of one core a case, without advice: median, largest", f"{np.median(seconds):.0f}, {seconds.max():.0f}"))
+    lines.append(("seconds of one core a case, without advice: median, largest",
+                  f"{np.median(seconds):.0f}, {seconds.max():.0f}"))  # fmt: skip
     return table(("", "measured"), lines)
 
 
@@ -136,8 +137,8 @@ def text(rows: list[Row]) -> str:
     commits = ", ".join(f"{n} by {commit}" for commit, n in Counter(row["commit"] for row in rows).most_common())
     head = (
         "# How often a diagnosis is right\n\n"
-        "Made by `python -m tests.study DIR` and `python -m tests.study_table DIR`, of docs/study.jsonl, which keeps every\n"
-        "case: experiments of 45 s, written by\n"
+        "Made by `python -m tests.study DIR` and `python -m tests.study_table DIR`, of docs/study.jsonl,\n"
+        "which keeps every case: experiments of 45 s, written by\n"
         "the soft-contact reference, each with one thing hidden, two, none, or a force that is in no catalogue.\n"
         "Δχ² is what the best wrong model leaves over the right one. In brackets 95 % intervals.\n"
         "Odd rounds from the third on are held out: nothing was chosen by looking at them.\n"

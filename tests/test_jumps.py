@@ -98,7 +98,8 @@ def test_jumps_widen_what_is_known(jumpiest):
 
 def test_jumps_once_known_leave_a_density_that_can_be_sampled(jumpiest):
     """Over its own posterior the log density then departs from a normal one by a few (1.8 to 3.9 of five draws), where
-    without it departs by a hundred (95 to 320), so that no walker leaves the luckiest point; and the truth lies within errors that are far smaller."""
+    without it departs by a hundred (95 to 320), so that no walker leaves the luckiest point; and the truth lies within
+    errors that are far smaller."""
     found, truth = jumpiest
     plain = found.likelihood
     known, mode = learned(plain, mode_at(plain, found.point, found.jacobian))

@@ -71,7 +71,8 @@ def test_every_imported_package_is_declared(package):
 
 def test_after_a_warm_up_nothing_is_left_to_compile():
     """Whatever is simulated or stepped then has its kernels, of the types it calls them with."""
-    compiled, more = python("""
+    compiled, more = python(
+        """
 import json, gymnasium as gym, numpy as np
 from cradle_env import Cradle, Release, simulate_batch, warmup
 from cradle_env.mechanics import control, events, restitution, start, strings
@@ -87,6 +88,8 @@ for name, some in (("NewtonCradle-v0", {"bobs": 2, "effects": effects}), ("Newto
     env = gym.make(name, **some)
     env.reset(seed=1), env.step(env.action_space.sample())
 print(json.dumps([known, {str(kernel): list(kernel.signatures) for kernel in kernels}], default=str))
-""", timeout=300.0)  # of which it takes most where nothing is compiled yet
+""",
+        timeout=300.0,
+    )  # of which it takes most where nothing is compiled yet
     assert len(compiled) == 9 and all(compiled.values())
     assert more == compiled
