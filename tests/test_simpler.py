@@ -6,6 +6,7 @@ import pytest
 
 from cradle_env import Cradle
 from identification import Experiment
+from identification.diagnose.diagnosis import Diagnosis
 from identification.diagnose.fitted import with_known_noise
 from identification.diagnose.inner import FAR
 from identification.diagnose.search import Searcher, Store
@@ -36,6 +37,9 @@ def test_strings_that_do_not_show_are_taken_as_rigid(tmp_path):
     (told,) = taken_out(rigid, given)
     assert "radial_elasticity and string_hysteresis" in told
     assert "7 more unknowns" in told
+    for base, name in ((rigid, "with rigid strings"), (given, "as given")):
+        repaired = SimpleNamespace(examined=[SimpleNamespace(fitted=base)])
+        assert Diagnosis(given.experiment, repaired, base, None, 0).base_name == name  # type: ignore[arg-type]
 
 
 @pytest.mark.slow

@@ -18,6 +18,7 @@ from identification.diagnose.intervals import Interval, intervals
 from identification.diagnose.law import Law
 from identification.diagnose.law_shape import Shape, terms_of
 from identification.diagnose.repair import Repaired
+from identification.diagnose.simpler import ELASTIC
 from identification.diagnose.unseen import Unseen, unseen
 from identification.experiment import Experiment
 from identification.toml_file import toml_key, toml_text
@@ -48,6 +49,12 @@ class Diagnosis:
     def base(self) -> Fitted:
         """The fit of the model as given, less what was taken out before anything was added."""
         return self.repaired.examined[0].fitted
+
+    @property
+    def base_name(self) -> str:
+        """What that model is, in words."""
+        rigid = self.experiment.cradle.has(ELASTIC) and not self.base.cradle.has(ELASTIC)
+        return "with rigid strings" if rigid else "as given"
 
     @property
     def law(self) -> Law | None:

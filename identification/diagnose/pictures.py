@@ -65,10 +65,13 @@ def map_figure(examined: Examined) -> Figure:
 
 @styled
 def energy_figure(diagnosis: Diagnosis) -> Figure:
-    """The energy that the data hold beyond the model, as given and repaired, window by window with ± 1 sd."""
+    """The energy that the data hold beyond the base model and the repaired one, window by window with ± 1 sd."""
     from matplotlib.figure import Figure
 
-    models = (("as given", RED, "o", diagnosis.repaired.examined[0]), ("repaired", GREEN, "s", diagnosis.repaired.last))
+    models = (
+        (diagnosis.base_name, RED, "o", diagnosis.repaired.examined[0]),
+        ("repaired", GREEN, "s", diagnosis.repaired.last),
+    )
     runs = sorted({excess.run for excess in models[0][-1].located.ledger})
     figure = Figure(figsize=(9.0, 0.7 + 2.1 * len(runs)), layout="constrained")
     for axes, run in zip(figure.subplots(len(runs), 1, squeeze=False)[:, 0], runs, strict=True):
@@ -161,8 +164,9 @@ def comparison_figure(diagnosis: Diagnosis) -> Figure:
     t, models = run.times[rows], [_predicted(fitted, k, rows) for fitted in (before, after)]
     close = t >= t[-1] - _CLOSE_UP * before.cradle.period
     unit, name = (1e3, "mrad") if run.quantity == "theta" else (1e3, "mm")
+    titles = (diagnosis.base_name, "repaired")
     for j, bob in enumerate(bobs):
-        for i, (model, colour, title) in enumerate(zip(models, (RED, GREEN), ("as given", "repaired"), strict=True)):
+        for i, (model, colour, title) in enumerate(zip(models, (RED, GREEN), titles, strict=True)):
             left, right = grid[2 * j + i]
             left.plot(t[close], unit * run.readings[rows][close, bob], ".", color=GREY, markersize=2.5)
             left.plot(t[close], unit * model[close, bob], color=colour, linewidth=0.9)

@@ -53,6 +53,7 @@ def html(diagnosis: Diagnosis, content: Mapping[str, Any]) -> str:
         and not content["remainder"]["significant"]
         and not _departs(content),
         declared={name: effect(name) for name in dict.fromkeys(named)},
+        base_name=diagnosis.base_name,
         base=_rows(diagnosis, diagnosis.base.values),
         last=_intervals(diagnosis),
         steps=[

@@ -11,7 +11,7 @@ from identification.diagnose.search import Searcher
 from identification.fit import Progress
 
 #: The one effect of the models with unknowns of its own: κ, and where states are free three of each bob.
-_ELASTIC = "radial_elasticity"
+ELASTIC = "radial_elasticity"
 
 
 def simpler(given: Fitted, searcher: Searcher, tell: Progress) -> Fitted:
@@ -19,7 +19,7 @@ def simpler(given: Fitted, searcher: Searcher, tell: Progress) -> Fitted:
     the best mode of the model as it is. What has a prior is not taken out."""
     going = _with_dependents(given)
     known = {name.partition(".")[0] for name in given.experiment.infer}
-    if given.training_gap() < FAR or not given.cradle.has(_ELASTIC) or known & {"kappa", *going}:
+    if given.training_gap() < FAR or not given.cradle.has(ELASTIC) or known & {"kappa", *going}:
         return given
     given = searcher.settled(given, tell)
     tell("search", 0.0, "the model with rigid strings")
@@ -48,7 +48,7 @@ def taken_out(fitted: Fitted, given: Fitted) -> list[str]:
 
 def _with_dependents(fitted: Fitted) -> list[str]:
     """Elastic strings and what requires them, the last first."""
-    names = [_ELASTIC]
+    names = [ELASTIC]
     for name in names:
         names += [own.name for own in fitted.cradle.composition if name in own.requires and own.name not in names]
     return names[::-1]
