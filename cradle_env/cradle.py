@@ -12,7 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from cradle_env.effects import Effect, compose
+from cradle_env.effects import Effect, compose, effect
+from cradle_env.effects.elements import balanced, with_value
 from cradle_env.errors import check_range
 
 #: β of the standard set: what κ is taken from where it is not given.
@@ -23,6 +24,8 @@ POWER_LAW_SPEEDS = (0.02, 1.0)
 
 # Beyond this, in SI units, a number is a slip of the pen, and squares of it leave the range of numbers.
 _LARGEST = 1e12
+#: Nothing of length, mass, radius or gravity is smaller, no gap wider, and no β beyond these.
+_SMALLEST, _WIDEST, _BETAS = 1e-9, 100.0, (1e-6, 1e3)
 
 
 def _plain(value):
@@ -77,14 +80,15 @@ class Cradle:
             raise ValueError(f"bobs is {self.bobs!r}; it must be a whole number from 1 to 200")
         put("bobs", int(bobs))
         for name, unit in (("length", "m"), ("mass", "kg"), ("radius", "m"), ("gravity", "m/s^2")):
-            put(name, check_range(name, getattr(self, name), unit, 0.0, _LARGEST, above=True))
+            positive = check_range(name, getattr(self, name), unit, 0.0, _LARGEST, above=True)
+            put(name, check_range(name, positive, unit, _SMALLEST))
         put("youngs_modulus", check_range("youngs_modulus", self.youngs_modulus, "Pa", 0.0, above=True))
         put("poisson_ratio", check_range("poisson_ratio", self.poisson_ratio, "", -1.0, 0.5, above=True))
         for name, unit in (("pivot_half_spacing", "m"), ("k_f", "N s/m^(3/2)"), ("b", "kg/s")):
             put(name, check_range(name, getattr(self, name), unit, 0.0, _LARGEST))
         put("restitution", check_range("restitution", self.restitution, "", 0.0, 1.0))
         kappa = self._kappa_for(STANDARD_BETA) if self.kappa is None else self.kappa
-        put("kappa", check_range("kappa", kappa, "N/m", 0.0, above=True))
+        put("kappa", check_range("kappa", kappa, "N/m", 0.0, _LARGEST, above=True))
         if self.power_law is not None:
             if not isinstance(self.power_law, Sequence | np.ndarray) or len(self.power_law) != 2:
                 raise ValueError(f"power_law is {self.power_law!r}; it must be the pair (alpha, n)")
@@ -97,11 +101,14 @@ class Cradle:
         if isinstance(self.delta, Sequence | np.ndarray) and not isinstance(self.delta, str):
             if len(self.delta) != self.bobs - 1:
                 raise ValueError(f"delta has {len(self.delta)} values; {self.bobs} bobs have {self.bobs - 1} gaps")
-            return tuple(check_range("delta", d, "", -1.0, above=True) for d in self.delta)
+            return tuple(check_range("delta", d, "", -1.0, _WIDEST, above=True) for d in self.delta)
         number: Any = self.delta
-        return check_range("delta", number, "", -1.0, above=True, remedy="at δ = −1 the pivots coincide")
+        return check_range("delta", number, "", -1.0, _WIDEST, above=True, remedy="at δ = −1 the pivots coincide")
 
     def _checked_effects(self) -> Mapping[str, Mapping[str, float]]:
+        effects: Any = self.effects
+        if not isinstance(effects, Mapping) or not all(isinstance(values, Mapping) for values in effects.values()):
+            raise ValueError(f"effects is {effects!r}; give {{name: {{parameter: value}}}}, {{}} for no parameters")
         composed = {e.name: e for e in compose(self.model, self.effects)}
         checked = {}
         for name, values in self.effects.items():
@@ -133,7 +140,21 @@ class Cradle:
         cradle = dataclasses.replace(self, **fields)
         if beta is None:
             return cradle
-        return dataclasses.replace(cradle, kappa=cradle._kappa_for(check_range("beta", beta, "", 0.0, above=True)))
+        return dataclasses.replace(cradle, kappa=cradle._kappa_for(check_range("beta", beta, "", *_BETAS)))
+
+    def with_values(self, values: Mapping[str, float]) -> Cradle:
+        """A copy with some parameters changed by name: a field, "effect.key", or "effect.key[i]" of bob or gap i, of
+        all of them alike "effect.key[*]"; the last of values that must sum to 0 is what the others leave."""
+        fields: dict[str, Any] = {}
+        effects: dict[str, dict[str, Any]] = {name: dict(known) for name, known in self.effects.items()}
+        for name, value in values.items():
+            of, dot, key = name.partition(".")
+            if dot:
+                effects[of] = with_value(effects.get(of, {}), key, value)
+            else:
+                fields[name] = value
+        closed = {name: balanced(effect(name.removeprefix("-")), known) for name, known in effects.items()}
+        return self.replace(**fields, effects=closed)
 
     def _kappa_for(self, beta: float) -> float:
         stiffness = self.mass * self.gravity / (self.length * beta**2)

@@ -19,10 +19,10 @@ from cradle_env.errors import unknown_key
 def read_model(path: Path) -> tuple[str, dict[str, dict[str, float]]]:
     """(base, effects) of the [model] table of a TOML file; ValueError, naming file and key, if it is not one."""
     try:
-        content = tomllib.loads(path.read_text(encoding="utf-8"))
+        content = tomllib.loads(path.read_text(encoding="utf-8-sig"))
     except OSError as error:
         raise ValueError(f"{path}: {error.strerror or error}; name a TOML file with a [model] table") from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+    except (ValueError, RecursionError) as error:  # RecursionError: tables nested too deep
         raise ValueError(f"{path} is no TOML file: {error}") from None
     model = content.get("model")
     if not isinstance(model, dict):
@@ -62,7 +62,9 @@ def _posterior(path: str, _changed: float) -> Mapping[str, np.ndarray]:
         with h5py.File(path) as file:
             group: Any = file["posterior"]
             draws = {
-                name: np.ravel(group[name][()]).astype(float) for name in group if name in CRADLE_NUMBERS or "." in name
+                name: np.ravel(group[name][()]).astype(float)
+                for name in group
+                if name in (*CRADLE_NUMBERS, "delta") or "." in name
             }
     except (OSError, KeyError, TypeError, ValueError):
         raise ValueError(

@@ -51,7 +51,8 @@ class NewtonCradleReleaseEnv(gym.Env[np.ndarray, np.ndarray]):
 
     ## Rewards
 
-    "synchronize": λ [1/s]; "sustain": −λ; or a function of the two infos, before and after. λ beats with δ and grows
+    "synchronize": λ [1/s]; "sustain": −λ; or a function of the two infos, before and after (before the experiment
+    without the curve). λ beats with δ and grows
     with the angle; at small angles and δ > 0.03 it is rugged. With the default settings it lies between 0.07 1/s (at
     δ = −0.02) and 0.31 1/s (near δ = 0.1, 0.06 rad).
 

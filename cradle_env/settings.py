@@ -109,7 +109,7 @@ class Settings:
             raise TypeError(
                 f"model is {self.model!r}; it must be one of {', '.join(MODELS)} or the path of a TOML file"
             )
-        if Path(self.model).suffix == ".toml":
+        if Path(self.model).suffix.lower() == ".toml":
             model, effects = read_model(Path(self.model))
             put("model", model)
             put("effects", MappingProxyType({**effects, **self.effects}))
@@ -212,15 +212,13 @@ class Settings:
         cradle = self._cradle(values)
         if posterior is not None:
             row = int(rng.integers(len(next(iter(posterior.values())))))
-            effects: dict[str, dict[str, float]] = {name: dict(keys) for name, keys in cradle.effects.items()}
-            fields: dict[str, float] = {}
-            for name, draws in posterior.items():
-                if "." in name:
-                    of, key = name.split(".", 1)
-                    effects.setdefault(of, {})[key] = float(draws[row])
-                else:
-                    fields[name] = float(draws[row])
-            cradle = cradle.replace(effects=effects, **fields)
+            try:
+                cradle = cradle.with_values({name: float(draws[row]) for name, draws in posterior.items()})
+            except (KeyError, ValueError) as error:
+                raise ValueError(
+                    f"this cradle cannot take the posterior: {error}; give the environment the bobs and the effects of "
+                    "the calibration, with what was known of them"
+                ) from None
         return cradle, values["release_angle"]
 
     def checked_action(self, action: Any) -> np.ndarray:

@@ -24,6 +24,8 @@ _RADIAL_STEP, _ANGULAR_STEP = 0.45, 0.2
 _FRICTION_STEP = 0.05
 # Part of the time scale of a contact that is followed in time, which lasts 3.2 of them.
 _CONTACT_STEP = 1.0 / 16.0
+#: Samples of one run at most: with five bobs 1.6 GB, and as much again and more for the ledger.
+_MOST_SAMPLES = 1e7
 #: What a status other than DONE means.
 EXHAUSTED = {
     events.STALLED: "more impacts at one instant than can be resolved",
@@ -102,7 +104,10 @@ def in_threads(function: Callable, items: Sequence, workers: int | None = None) 
 def _times(duration: float, sample_rate: float) -> np.ndarray:
     check_range("duration", duration, "s", 0.0, above=True)
     check_range("sample_rate", sample_rate, "1/s", 0.0, above=True)
-    return np.arange(int(np.floor(duration * sample_rate + 1e-9)) + 1) / sample_rate
+    samples = check_range(
+        "duration times sample_rate", duration * sample_rate, "", high=_MOST_SAMPLES, remedy="a run is held in memory"
+    )
+    return np.arange(int(np.floor(samples + 1e-9)) + 1) / sample_rate
 
 
 def _checked_times(times: np.ndarray) -> np.ndarray:

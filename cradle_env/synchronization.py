@@ -20,6 +20,8 @@ def sigma(t: np.ndarray, theta_n: np.ndarray, theta0: float | np.ndarray, period
     """
     from scipy.ndimage import maximum_filter1d, minimum_filter1d
 
+    if len(t) < 2:
+        raise ValueError(f"σ needs evenly spaced times; there {'is but one' if len(t) else 'are none'}")
     step = (t[-1] - t[0]) / (len(t) - 1)
     if not np.allclose(np.diff(t), step, rtol=1e-6):
         raise ValueError("σ needs evenly spaced times; sample with sample_rate")
@@ -29,6 +31,11 @@ def sigma(t: np.ndarray, theta_n: np.ndarray, theta0: float | np.ndarray, period
     upper = maximum_filter1d(theta_n, 2 * half + 1, axis=-1, mode="nearest")
     lower = minimum_filter1d(theta_n, 2 * half + 1, axis=-1, mode="nearest")
     return np.abs(upper + lower) / np.asarray(theta0)[..., None] if np.ndim(theta0) else np.abs(upper + lower) / theta0
+
+
+def window_of(t: np.ndarray) -> list[float]:
+    """The stretch of times (T,) [s] over which λ is taken: `WINDOW`, or to the end of a shorter record."""
+    return [WINDOW[0], float(min(WINDOW[1], t[-1]))]
 
 
 def newton_exponent(t: np.ndarray, sigma: np.ndarray, window: tuple[float, float] = WINDOW) -> float | np.ndarray:

@@ -33,8 +33,8 @@ def simulations() -> None:
 
 def environments() -> None:
     """Calls every kernel of environments."""
-    drawn = {"render_mode": "ansi"}
-    for env in (gymnasium.make("NewtonCradle-v0", **drawn), gymnasium.make_vec("NewtonCradle-v0", 2, **drawn)):
+    name, mode = "NewtonCradle-v0", "ansi"
+    for env in (gymnasium.make(name, render_mode=mode), gymnasium.make_vec(name, 2, render_mode=mode)):
         env.reset(seed=0)
         env.step(env.action_space.sample())
         env.render()

@@ -18,11 +18,11 @@ sys.path.insert(0, str(ROOT))
 from make_example import TRUE  # noqa: E402
 
 
-def step(title: str, *arguments: str) -> None:
-    """Runs one command of `cradle`, and says which."""
+def step(title: str, *arguments: str, may_end: tuple[int, ...] = (0,)) -> None:
+    """Runs one command of `cradle`, and says which; ends with it where it ends in another way than it may."""
     print(f"\n{title}\n$ cradle {' '.join(arguments)}", flush=True)
     status = cradle(arguments)
-    if status:
+    if status not in may_end:
         sys.exit(status)
 
 
@@ -37,7 +37,8 @@ def main() -> None:
     step("1. Five balls, one released", "simulate", "--bobs", "5", "--out", simulated)
     limit = ("--steps", options.steps) if options.steps else ()
     example = str(ROOT / "ring-2" / "experiment.toml")
-    step("2. What do the example's data say of its cradle?", "calibrate", example, "--out", calibrated, *limit)
+    asked, may_end = "2. What do the example's data say of its cradle?", (0, 1) if limit else (0,)  # 1: not converged
+    step(asked, "calibrate", example, "--out", calibrated, *limit, may_end=may_end)
     print("true values:", ", ".join(f"{name} = {value:g}" for name, value in TRUE.items()))
     step("3. How fast would three such balls synchronize?", "predict", calibrated, "--bobs", "3", "--out", predicted)
     print(f"\nDone in {time.monotonic() - began:.0f} s. Look at")

@@ -26,7 +26,7 @@ def main() -> None:
     run = simulate(Cradle(bobs=5), Release(angle=0.5), duration=options.seconds)
     canvas = Canvas()
     frames = [canvas.draw(scene) for scene in scenes(run, FPS)]
-    Image.fromarray(frames[round(STILL * FPS)]).save(options.out / "still.png")
+    Image.fromarray(frames[min(round(STILL * FPS), len(frames) - 1)]).save(options.out / "still.png")
     save_animation(frames, options.out / "film.gif", FPS)
     print(f"Look at {options.out / 'film.gif'} and {options.out / 'still.png'}")
 

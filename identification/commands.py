@@ -18,6 +18,8 @@ from cradle_env.errors import check_range, unknown_key
 from cradle_env.model_files import read_model
 from identification import results
 from identification.experiment import Experiment
+from identification.experiment_file import FILE_NAME
+from identification.files import check_own
 from identification.measurement import Instrument
 from identification.posterior import Posterior
 from identification.runs import ReleaseInfo, Run
@@ -56,7 +58,7 @@ def described(
     elif values.get("bobs", cradle.bobs) != cradle.bobs and isinstance(cradle.delta, tuple):
         raise ValueError(f"{source} has one delta per gap; give --delta for {values['bobs']} bobs")
     values |= dict(_setting(text) for text in settings)
-    if str(values.get("model", "")).endswith(".toml"):
+    if str(values.get("model", "")).lower().endswith(".toml"):
         values["model"], values["effects"] = read_model(Path(values["model"]))
         cradle = cradle.replace(model=values["model"], effects=values["effects"])
     if effects:
@@ -120,6 +122,7 @@ def simulate(
     """Simulates one run and writes it; with noise [rad], an experiment with its data too."""
     if noise is not None:
         check_range("noise", noise, "rad", 0.0, above=True)
+        check_own(out, (FILE_NAME, Run.file), "summary.json", results.RUN_FORMAT)
     with Progress() as progress:
         progress("simulate", None, "the first run after installation compiles for some seconds")
         run = simulation.simulate(cradle, release, duration, sample_rate)
@@ -216,9 +219,10 @@ def design(
 ) -> None:
     """Designs the next experiment and writes it."""
     from identification.diagnose.design import design as run
-    from identification.diagnose.design_report import save, sentence, shown
+    from identification.diagnose.design_report import check_folder, save, sentence, shown
     from identification.diagnose.grid import described as described_run
 
+    check_folder(out)
     experiment = Experiment.load(path)
     with Progress() as progress:
         designed = run(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import hashlib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -43,6 +44,13 @@ class Experiment:
         object.__setattr__(self, "runs", tuple(checked_run(self.cradle, run) for run in self.runs))
         for name, prior in self.infer.items():
             check_prior(self.cradle, name, prior)
+        deltas = {run.delta for run in self.runs}
+        if "delta" in self.infer and (len(deltas) > 1 or isinstance(self.runs[0].delta, tuple)):
+            told = " and ".join(map(str, deltas))
+            raise ValueError(
+                f"delta is to be inferred as one number of all runs, but they state {told}; leave it out of [infer] "
+                "and infer spacer_offset.offset, by which gaps differ from what is stated"
+            )
         object.__setattr__(self, "infer", MappingProxyType(dict(self.infer)))
         if not self.digest:
             object.__setattr__(self, "digest", _digest(*(text.encode() for text in self.texts().values())))
@@ -90,12 +98,13 @@ class Experiment:
 
     def texts(self) -> dict[str, str]:
         """The files of the experiment by name, experiment.toml first."""
-        description = experiment_text(self.cradle, self.runs, self.infer, self.unknown_effect_parameters)
-        texts = {FILE_NAME: description}
+        texts, runs = {FILE_NAME: ""}, []
         for i, run in enumerate(self.runs, 1):
-            name, text = Path(run.file).name, csv_text(run.times, run.readings, run.quantity)
-            if texts.setdefault(name, text) != text:
-                raise ValueError(f"run {i} would overwrite {name!r}; give each run a file name of its own")
+            file, text = Path(Path(run.file).name), csv_text(run.times, run.readings, run.quantity)
+            while texts.setdefault(str(file), text) != text:  # another folder's data of the same name
+                file = file.with_stem(f"{file.stem}-{i}")
+            runs.append(dataclasses.replace(run, file=str(file)))
+        texts[FILE_NAME] = experiment_text(self.cradle, runs, self.infer, self.unknown_effect_parameters)
         return texts
 
 

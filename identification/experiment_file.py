@@ -209,12 +209,7 @@ def experiment_text(
     """The experiment.toml of these, in SI units, its data beside it."""
     lines = [f"format = {toml_text(FORMAT)}", "", "[cradle]"]
     lines += _entries({key: getattr(cradle, key) for key in _CRADLE_KEYS})
-    lines += ["", "[model]", f"base = {toml_text(cradle.model)}", f"effects = {toml_text([*cradle.effects])}"]
-    known = {
-        name: {k: v for k, v in values.items() if f"{name}.{k}" not in unknown_effect_parameters}
-        for name, values in cradle.effects.items()
-    }
-    lines += ["", "[model.parameters]", *_entries({name: values for name, values in known.items() if values})]
+    lines += ["", *model_lines(cradle, unknown_effect_parameters)]
     for run in runs:
         entries = {key: getattr(run, key) for key in _RUN_KEYS} | {"file": Path(run.file).name}
         if run.release is not None:
@@ -223,10 +218,24 @@ def experiment_text(
                 del release["bobs"]
             entries["release"] = release | {"angle_sd": run.release.angle_sd, "time_sd": run.release.time_sd}
         lines += ["", "[[run]]", *_entries(entries)]
-    if infer:
-        lines += ["", "[infer]"]
-        lines += _entries({k: {n: v for n, v in vars(p).items() if v is not None} for k, p in infer.items()})
-    return "\n".join([*lines, ""])
+    return "\n".join([*lines, *infer_lines(infer), ""])
+
+
+def model_lines(cradle: Cradle, unknown: Sequence[str], more: Sequence[str] = ()) -> list[str]:
+    """The tables [model] and [model.parameters]: without what is unknown; `more`: effects of which all is."""
+    known = {
+        name: {k: v for k, v in values.items() if f"{name}.{k}" not in unknown}
+        for name, values in cradle.effects.items()
+    }
+    stated = _entries({name: values for name, values in known.items() if values})
+    lines = ["[model]", f"base = {toml_text(cradle.model)}", f"effects = {toml_text([*cradle.effects, *more])}"]
+    return [*lines, "", "[model.parameters]", *stated]
+
+
+def infer_lines(infer: Mapping[str, Prior]) -> list[str]:
+    """The table [infer], where there is one."""
+    priors = {k: {n: v for n, v in vars(p).items() if v is not None} for k, p in infer.items()}
+    return ["", "[infer]", *_entries(priors)] if infer else []
 
 
 def _entries(values: Mapping[str, object]) -> list[str]:

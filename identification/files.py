@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -37,6 +37,18 @@ def read_text(path: Path) -> tuple[str, bytes]:
         line = data.count(b"\n", 0, error.start) + 1
         raise ExperimentError(f"{path}, line {line}: not UTF-8 text; save the file as plain text in UTF-8") from None
     return text.replace("\r\n", "\n").replace("\r", "\n"), data
+
+
+def check_own(folder: Path, names: Iterable[str], stamp: str, formats: str) -> None:
+    """ExperimentError where a folder holds a file of these names that is not ours to replace: the JSON file that our
+    command writes beside it, its stamp, is not there or not of this format."""
+    there = [folder / name for name in names if (folder / name).exists()]
+    try:
+        ours = json.loads((folder / stamp).read_text(encoding="utf-8"))["format"] == formats
+    except (OSError, ValueError, TypeError, KeyError):
+        ours = False
+    if there and not ours:
+        raise ExperimentError(f"{there[0]}: exists and is no result of this command; choose another --out")
 
 
 @contextmanager

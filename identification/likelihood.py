@@ -7,7 +7,6 @@ import dataclasses
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -19,7 +18,7 @@ from identification.experiment import Experiment
 from identification.measurement import Instrument
 from identification.noise import noise_of
 from identification.runs import Run
-from identification.unknowns import Unknown, balanced, model_unknowns, run_unknowns, with_value
+from identification.unknowns import Unknown, model_unknowns, run_unknowns
 
 #: Sampling of θ_n for σ and λ [1/s].
 LAMBDA_RATE = 240.0
@@ -106,13 +105,7 @@ class Likelihood:
     def cradle(self, values: Mapping[str, float], run: Run | None = None) -> Cradle:
         """The cradle with these values, at the δ of a run (the first where omitted)."""
         cradle = self.experiment.cradle_of(run or self.experiment.runs[0])
-        fields = {u.name: values[u.name] for u in self.of_model if "." not in u.name}
-        effects: dict[str, dict[str, Any]] = {name: dict(known) for name, known in cradle.effects.items()}
-        for u in self.of_model:
-            if "." in u.name:
-                name, key = u.name.split(".")
-                effects[name] = with_value(effects[name], key, values[u.name])
-        return cradle.replace(**fields, effects={name: balanced(name, known) for name, known in effects.items()})
+        return cradle.with_values({u.name: values[u.name] for u in self.of_model})
 
     def beginning(self, values: Mapping[str, float], index: int) -> tuple[Release | InitialState, float]:
         """(how run `index` begins, the time in its file at which the simulation starts [s])."""

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 Out = Annotated[Path, typer.Option("--out", metavar="DIR", help="Folder for the results; made if need be.")]
-Seed = Annotated[int, typer.Option("--seed", min=0, help="Seed of all random numbers.")]
+Seed = Annotated[int, typer.Option("--seed", min=0, max=2**32 - 1, help="Seed of all random numbers.")]
 Workers = Annotated[int | None, typer.Option("--workers", min=1, help="Threads; all cores where omitted.")]
 NoWorkers = Annotated[int | None, typer.Option("--workers", hidden=True)]
 

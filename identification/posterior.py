@@ -15,7 +15,7 @@ import numpy as np
 
 from cradle_env.cradle import Cradle, Release
 from cradle_env.simulation import simulate_batch
-from cradle_env.synchronization import WINDOW
+from cradle_env.synchronization import WINDOW, window_of
 from identification.experiment import Experiment
 from identification.likelihood import STEP_FACTOR, Likelihood, lifted_further
 from identification.unknowns import SEARCH, Unknown
@@ -65,7 +65,7 @@ class Prediction:
 
     def summary(self) -> dict[str, Any]:
         """Mean, sd, median and intervals of λ, as in a calibration's summary."""
-        return {"unit": "1/s", **statistics(self.newton_exponent), "window_s": [0.0, WINDOW[1]]}
+        return {"unit": "1/s", **statistics(self.newton_exponent), "window_s": window_of(self.t)}
 
     def sigma_bands(self) -> dict[str, np.ndarray]:
         """σ(t): median (T,), ci68 and ci95 (2, T)."""
@@ -130,7 +130,7 @@ class Posterior:
         return Release(angles={bob: float(peaks[bob - 1]) * (1.0 if bob > 1 else -1.0)})
 
     def newton_exponent(self) -> np.ndarray:
-        """Samples of λ [1/s] of the first run's δ and release over 0 to 60 s, simulated; empty for one bob."""
+        """Samples of λ [1/s] of the first run's δ and release over 1 to 60 s, simulated; empty for one bob."""
         if self.experiment.cradle.bobs == 1:
             return np.empty(0)
         if self.newton_exponents is not None:
@@ -152,19 +152,25 @@ class Posterior:
     ) -> Prediction:
         """σ(t) and λ at any δ, release angle [rad] and number of bobs, over `count` draws; the first run's where
         omitted. Raises ValueError for impossible settings."""
-        release = self.release()
-        if release_angle is not None:
-            release = Release(angle=release_angle, start=release.start)
-        elif bobs is not None and bobs != self.experiment.cradle.bobs:
-            release = Release(angle=release.lead(self.experiment.cradle)[1], start=release.start)
+        release, calibrated = self.release(), self.experiment.cradle.bobs
+        bobs = calibrated if bobs is None else bobs
+        if release_angle is not None or bobs != calibrated:
+            angle = release.lead(self.experiment.cradle)[1] if release_angle is None else release_angle
+            lifted = 1 if release.angle is None else release.bobs
+            release = Release(angle=angle, bobs=lifted, start=release.start)
+            if angle == 0.0:
+                raise ValueError("release angle is 0 rad; σ and λ are relative to it, so lift a bob")
         cradles, releases = [], []
         for point in self.draws(count):
             values = self.likelihood.values(point)
             cradle = self.likelihood.cradle(values)
-            fields: dict[str, Any] = {"bobs": bobs or cradle.bobs}
-            uniform = float(np.mean(cradle.gaps)) if cradle.bobs > 1 else 0.0
-            fields["delta"] = delta if delta is not None else (uniform if bobs else cradle.delta)
-            cradles.append(cradle.replace(**fields))
+            stated = cradle.delta if bobs == calibrated else float(np.mean(cradle.delta))
+            try:
+                cradles.append(cradle.replace(bobs=bobs, delta=stated if delta is None else delta))
+            except ValueError as problem:
+                if bobs == calibrated:
+                    raise
+                raise ValueError(f"{problem}; the calibration was of {calibrated} bobs, predict for as many") from None
             # A stated angle is taken as exact; the run's own is as uncertain as the calibration left it.
             error = values.get("release_angle_error@1", 0.0) if release_angle is None else 0.0
             releases.append(lifted_further(release, error))
@@ -205,7 +211,7 @@ class Posterior:
             "nuisance": {
                 u.name: {"unit": u.unit, **statistics(self.samples(u.name))} for u in self.unknowns if u.nuisance
             },
-            "lambda": {"unit": "1/s", **statistics(rates), "window_s": [0.0, WINDOW[1]]} if len(rates) else None,
+            "lambda": {"unit": "1/s", **statistics(rates), "window_s": list(WINDOW)} if len(rates) else None,
             "gap": {"train": self.gap.train, "held_out": self.gap.held_out},
             "model_describes_data": bool(max(self.gap.train, np.nan_to_num(self.gap.held_out)) <= MISFIT_GAP),
         }

@@ -10,7 +10,7 @@ import numpy as np
 
 from cradle_env import __version__
 from cradle_env.cradle import Cradle, Release
-from cradle_env.synchronization import ENVELOPE_PERIODS, WINDOW
+from cradle_env.synchronization import ENVELOPE_PERIODS, window_of
 from cradle_env.trajectory import Trajectory
 from identification.csv_data import csv_text
 from identification.files import write, write_json
@@ -19,6 +19,9 @@ from identification.style import png
 
 #: Told before each picture: how much is done, and what comes.
 Tell = Callable[[float, str], None]
+
+#: Of the summary of a run.
+RUN_FORMAT = "cradle-run/1"
 
 
 def table_text(columns: Mapping[str, np.ndarray]) -> str:
@@ -57,14 +60,14 @@ def save_run(run: Trajectory, folder: Path, *, seed: int, inputs: str) -> dict[s
     rate = None if sigma is None else run.newton_exponent()
     whole = run.t[-1] - 0.5 * ENVELOPE_PERIODS * run.cradle.period  # the last whole envelope
     summary = {
-        "format": "cradle-run/1",
+        "format": RUN_FORMAT,
         "version": __version__,
         "seed": seed,
         "inputs": inputs,
         "cradle": cradle_values(run.cradle),
         "release": release_values(run.release) | {"gamma": run.release.gamma(run.cradle)},
         "duration_s": float(run.t[-1]),
-        "lambda": None if rate is None else {"unit": "1/s", "value": rate, "window_s": [0.0, WINDOW[1]]},
+        "lambda": None if rate is None else {"unit": "1/s", "value": rate, "window_s": window_of(run.t)},
         "sigma_final": None if sigma is None else float(np.interp(whole, run.t, sigma)),
         "impacts": len(run.impacts),
         "energy_J": {

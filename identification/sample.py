@@ -81,11 +81,17 @@ class Checkpoint:
         try:
             with _open(self.path, "r") as file:
                 digest, names, _ = file.attrs["inputs"], list(file.attrs["names"]), file["jumps"]
+                seed = int(file.attrs["seed"])
         except (OSError, KeyError) as problem:
             raise ExperimentError(f"{self.path}: not a chain that can be resumed ({problem}); remove it") from None
         if digest != self.likelihood.experiment.digest or names != self.likelihood.names:
             raise ExperimentError(
                 f"{self.path}: holds chains of other data or unknowns; choose another --out, or remove the file"
+            )
+        if seed != self.seed:
+            raise ExperimentError(
+                f"{self.path}: holds chains of seed {seed}, not {self.seed}; give that one, choose another --out, "
+                "or remove the file"
             )
         return True
 

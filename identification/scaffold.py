@@ -26,6 +26,8 @@ def scaffold(data_csv: Path, out: Path | None = None, *, overwrite: bool = False
     out = data_csv.parent / FILE_NAME if out is None else Path(out)
     if out.is_dir():
         out = out / FILE_NAME
+    if out.resolve() == data_csv.resolve():
+        raise ExperimentError(f"{out}: these are the data; name another file for what describes them")
     if out.exists() and not overwrite:
         raise ExperimentError(f"{out}: exists already; name another file, or say that it may be overwritten")
     text = scaffold_text(read_recording(data_csv), _relative(data_csv, out.parent))

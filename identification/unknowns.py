@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from cradle_env.cradle import Cradle
-from cradle_env.effects import Parameter, effect
+from cradle_env.effects import Parameter
+from cradle_env.effects.elements import element_of
 from cradle_env.errors import unknown_key
 from identification.experiment import Experiment
 from identification.runs import Prior, Run
@@ -118,35 +119,6 @@ def _field_unknown(cradle: Cradle, name: str, prior: Prior | None) -> Unknown:
     return Unknown(
         name, unit, symbol, start, low=start / factor, high=start * factor, log=True, search=SEARCH[name]
     )  # fmt: skip
-
-
-def element_of(key: str) -> tuple[str, int | None]:
-    """("offset", 0) of "offset[1]": a parameter and which of its values, all of them alike for "[*]" (−1), or None
-    for a parameter of one value."""
-    name, bracket, which = key.partition("[")
-    if not bracket:
-        return name, None
-    return name, -1 if which == "*]" else int(which[:-1]) - 1
-
-
-def with_value(known: Mapping[str, Any], key: str, value: float) -> dict[str, Any]:
-    """The values of an effect with one more: of "c2", of "offset[1]" among several, or of all alike, "offset[*]"."""
-    name, element = element_of(key)
-    if element is None:
-        return {**known, name: value}
-    several = list(known[name])
-    several = [value] * len(several) if element < 0 else [*several[:element], value, *several[element + 1 :]]
-    return {**known, name: several}
-
-
-def balanced(name: str, values: Mapping[str, Any]) -> dict[str, Any]:
-    """The values of an effect, the last of numbers that must sum to 0 being what the others leave."""
-    closed = dict(values)
-    for p in effect(name.removeprefix("-")).parameters:
-        if p.balanced and p.key in closed:
-            *others, _ = closed[p.key]
-            closed[p.key] = [*others, -sum(others)]
-    return closed
 
 
 def element_names(name: str, parameter: Parameter, bobs: int) -> list[str]:

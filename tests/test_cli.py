@@ -73,10 +73,14 @@ def calibrated(pair, tmp_path_factory):
         (["simulate", "--out", "o", "--set", "mass=0"], "mass is 0 kg"),
         (["simulate", "--out", "o", "--set", "mass"], "FIELD=VALUE"),
         (["simulate", "--out", "o", "--experiment", "--noise", "-1"], "noise is -1"),
+        (["simulate", "--out", ".", "--experiment"], "experiment.toml: exists and is no result of this command"),
+        (["design", "experiment.toml", "--out", "."], "experiment.toml: exists and is no result of this command"),
+        (["simulate", "--out", "o", "--beta", "1e-200"], "beta is 1e-200"),
         (["simulate", "--out", "o", "--from", "none.toml"], "none.toml: no such file"),
         (["simulate", "--out", "file.txt"], "file.txt"),
         (["new", "none.csv", "--out", "new.toml"], "none.csv: no such file"),
         (["new", "file.txt", "--out", "new.toml"], "file.txt"),
+        (["new", "run1.csv", "--out", "run1.csv", "--overwrite"], "run1.csv: these are the data"),
         (["calibrate", "none.toml", "--out", "o"], "none.toml: no such file"),
         (["calibrate", ".", "--out", "o"], "is a folder"),
         (["calibrate", "file.txt", "--out", "o"], "not valid TOML"),
@@ -114,7 +118,10 @@ def test_unusable_input_is_refused_in_one_line(arguments, said, pair, tmp_path, 
     assert sorted(path.name for path in tmp_path.iterdir() if any(path.glob("*")) or path.is_file()) == before
 
 
-@pytest.mark.parametrize("setting", [["--delta", "-1.5"], ["--bobs", "1"], ["--release-angle", "2"]])
+@pytest.mark.parametrize(
+    "setting",
+    [["--delta", "-1.5"], ["--bobs", "0"], ["--bobs", "1"], ["--release-angle", "2"], ["--release-angle", "0"]],
+)
 def test_predict_refuses_impossible_settings(setting, calibrated, tmp_path, capsys):
     assert run("predict", calibrated, "--out", tmp_path / "o", "--draws", 2, *setting) == 2
     refusal(capsys)
@@ -278,9 +285,17 @@ def test_predict(calibrated, tmp_path, capsys):
     content = json.loads((tmp_path / "prediction.json").read_text())
     assert (content["bobs"], content["delta"], content["draws"]) == (3, 0.001, 5)
     assert {"unit", "mean", "sd", "median", "ci68", "ci95", "window_s"} <= content["lambda"].keys()
+    assert content["lambda"]["window_s"] == [1.0, 60.0]
     bands = np.loadtxt(tmp_path / "prediction.csv", delimiter=",", skiprows=1)
     assert np.all(bands[:, 4] <= bands[:, 1]) and np.all(bands[:, 1] <= bands[:, 5])
     assert (tmp_path / "prediction.png").read_bytes().endswith(PNG_END)
+
+
+def test_asking_for_what_was_calibrated_changes_nothing(calibrated):
+    posterior = Posterior.load(calibrated / "posterior.nc")
+    own, asked = posterior.predict(count=2), posterior.predict(bobs=posterior.experiment.cradle.bobs, count=2)
+    assert own.cradle == asked.cradle
+    np.testing.assert_array_equal(own.sigma, asked.sigma)
 
 
 def test_prediction_follows_its_seed(calibrated):

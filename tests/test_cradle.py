@@ -55,6 +55,11 @@ def same(one: Trajectory, other: Trajectory) -> bool:
         ({"delta": "wide"}, "delta is 'wide'"),
         ({"bobs": 3, "delta": [0.0]}, "delta has 1 values; 3 bobs have 2 gaps"),
         ({"bobs": 3, "delta": [0.0, -2.0]}, "delta is -2"),
+        ({"delta": 1e300}, "delta is 1e\\+300; it must be greater than -1 and at most 100"),
+        ({"length": 1e-200}, "length is 1e-200 m; it must be at least 1e-09 m"),
+        ({"kappa": 1e300}, "kappa is 1e\\+300 N/m; it must be greater than 0 and at most 1e\\+12"),
+        ({"effects": ["quadratic_drag"]}, r"effects is \['quadratic_drag'\]; give {name: {parameter: value}}"),
+        ({"effects": {"quadratic_drag": 0.1}}, "give {name: {parameter: value}}"),
         ({"power_law": (0.1, 0.2), "effects": {"contact_duration": {"scale": 1.0}}}, "needs k_f"),
     ],
 )
@@ -110,12 +115,30 @@ def test_impossible_starts_are_refused(release: Release | InitialState, message:
         ({"times": np.array([0.0, np.nan])}, "finite"),
         ({"times": np.array([])}, "not empty"),
         ({"step_factor": 0.0}, "step_factor is 0"),
+        ({"duration": 1e300, "sample_rate": 1e3}, "a run is held in memory"),
     ],
 )
 @pytest.mark.parametrize("run", [simulate, simulate_batch])
 def test_impossible_runs_are_refused(run, arguments: dict, message: str) -> None:
     with pytest.raises(ValueError, match=message):
         run(Cradle(bobs=2), RELEASE, **arguments)
+
+
+@pytest.mark.parametrize("beta", [1e-200, 1e200])
+def test_no_beta_beyond_arithmetic(beta: float) -> None:
+    with pytest.raises(ValueError, match="beta is 1e"):
+        Cradle.from_groups(beta=beta)
+
+
+def test_one_sample_has_no_sigma() -> None:
+    with pytest.raises(ValueError, match="there is but one"):
+        simulate(Cradle(bobs=2), RELEASE, times=np.array([0.5])).sigma()
+
+
+def test_numbers_of_numpy_are_numbers() -> None:
+    """An effect that is absent at a value takes it as it is, and a file writes it as a number."""
+    value = Cradle(effects={"quadratic_drag": {"c2": np.float64(0.0)}}).effects["quadratic_drag"]["c2"]
+    assert type(value) is float
 
 
 def test_a_cradle_is_a_value() -> None:

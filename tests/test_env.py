@@ -916,6 +916,22 @@ def test_draws_of_a_posterior_are_joint(tmp_path: Path) -> None:
     assert env._episodes.bobs["mass"][0, 0] == 0.2813
 
 
+def test_draws_hold_the_spacer_and_values_of_each_bob_or_gap(tmp_path: Path) -> None:
+    draws = {"delta": np.full(3, 0.004), "spacer_offset.offset[1]": np.full(3, 1e-3)}
+    draws |= {"mass_mismatch.relative[1]": np.full(3, 0.02)}
+    options = {"posterior": posterior(tmp_path / "posterior.nc", **draws)}
+    known = {"spacer_offset": {"offset": [0.0]}, "mass_mismatch": {"relative": [0.0, 0.0]}}
+    env = NewtonCradleEnv(bobs=2, effects=known)
+    _, info = env.reset(seed=0, options=options)
+    assert info["delta"] == pytest.approx(0.004)
+    bobs = env._episodes.bobs[0]
+    assert bobs["mass"] == pytest.approx([1.02 * 0.2813, 0.98 * 0.2813])
+    assert np.diff(bobs["pivot"]) == pytest.approx(2.0 * 0.02 * 1.005)
+    for wrong in ({"bobs": 2}, {"bobs": 3, "effects": {"spacer_offset": {"offset": 0.0}}}):
+        with pytest.raises(ValueError, match="give the environment the bobs and the effects of the calibration"):
+            NewtonCradleEnv(**wrong).reset(seed=0, options=options)
+
+
 @pytest.mark.parametrize(
     ("draws", "message"),
     [

@@ -12,6 +12,7 @@ from cradle_env import Cradle, Release, effects, simulate
 from cradle_env.effects import LEARNED
 from cradle_env.model_files import read_model
 from identification import Experiment, diagnose
+from identification.diagnose import law as law_module
 from identification.diagnose.candidates import candidates
 from identification.diagnose.cut import windowed
 from identification.diagnose.decide import CLOSE
@@ -96,6 +97,15 @@ def test_a_law_outdoes_an_effect_that_bends_towards_the_truth_and_not_the_true_o
         named, law = added(base, searcher, "quadratic_drag"), learn(base, searcher, QUIET)
         assert law is not None
         assert (advantage(law, named) > CLOSE) is given_up
+        beside = learn(base, searcher, QUIET, rival=named)
+        assert beside is not None
+        assert beside.terms == law.terms
+
+
+def test_a_law_that_begins_far_worse_than_its_rival_is_not_completed(rubbed, law, monkeypatch):
+    """A gap half as large as that of the law itself would be less than the noise."""
+    monkeypatch.setattr(law_module, "_FAR_WORSE", 0.5)
+    assert learn(*rubbed, QUIET, rival=law.fitted) is None
 
 
 def test_where_nothing_known_fits_the_law_goes_into_the_model(rubbed, monkeypatch, tmp_path):

@@ -7,6 +7,7 @@ import h5py
 import numpy as np
 import pytest
 
+from identification.files import ExperimentError
 from identification.fit import Mode
 from identification.likelihood import Jumps
 from identification.sample import Chains, Checkpoint, convergence, sample
@@ -72,6 +73,12 @@ def test_a_resumed_chain_is_the_uninterrupted_one(tmp_path):
         _, parts = chains(tmp_path / "parts", steps)
     assert np.array_equal(whole.chain, parts.chain)
     assert np.array_equal(whole.newton_exponent, parts.newton_exponent)
+
+
+def test_a_chain_of_another_seed_is_not_gone_on_with(tmp_path):
+    chains(tmp_path, 60)
+    with pytest.raises(ExperimentError, match="holds chains of seed 3, not 7"):
+        chains(tmp_path, 60, seed=7)
 
 
 def test_asking_for_the_total_again_adds_nothing(tmp_path):

@@ -89,6 +89,8 @@ def test_no_possible_point_is_refused():
         ({"bet": [1.0]}, "did you mean 'beta'"),
         ({"quadratic_drag.c3": [1.0]}, "did you mean 'c2'"),
         ({"beta": [0.1], "kappa": [200.0]}, "beta and kappa are both swept"),
+        ({"n": [0.1], "k_f": [200.0]}, "n and k_f are both swept"),
+        ({"beta": np.arange(1e5), "b": np.arange(1e5)}, "points; it must have at most 1e.09"),
         ({"beta": [0.1], "draw": {"beta": [0.2]}}, "beta is on two axes"),
         ({"beta": []}, "not empty"),
         ({"beta": ["a"]}, "list of numbers"),
@@ -99,6 +101,14 @@ def test_no_possible_point_is_refused():
 def test_unusable_axes_are_refused(axes, said):
     with pytest.raises(ValueError, match=said.replace("[", r"\[")):
         Grid(axes, PAIR, RELEASE)
+
+
+@pytest.mark.parametrize("names", [("delta[1]", "delta"), ("delta", "delta[1]")])
+def test_what_sets_one_gap_stays_where_another_axis_sets_all(names):
+    axes = {name: [0.01 * (name == "delta"), 0.02] for name in names}
+    grid = Grid(axes, Cradle(bobs=3), RELEASE)
+    found = {cradle.delta for cradle, _ in map(grid.point, range(4))}
+    assert found == {(0.0, 0.01), (0.0, 0.02), (0.02, 0.01), (0.02, 0.02)}
 
 
 def test_synchronization_is_when_sigma_stays_low_and_an_ideal_momentum_exchange_leaves_one_nth_of_the_energy():

@@ -74,7 +74,7 @@ def test_the_digest_follows_the_data():
     assert Experiment(made.cradle, (made.runs[0], moved), made.infer).digest != made.digest
 
 
-def test_from_arrays_and_what_python_cannot_state():
+def test_from_arrays_and_what_python_cannot_state(tmp_path):
     t, readings = np.arange(3.0), np.zeros((3, 2))
     experiment = Experiment.from_arrays(Cradle(bobs=2), t, readings, Release(angle=0.1), noise=1e-3)
     assert experiment.runs[0].delta == 0.0
@@ -93,8 +93,12 @@ def test_from_arrays_and_what_python_cannot_state():
             Experiment.from_arrays(Cradle(bobs=2), **stated)
     with pytest.raises(ValueError, match="at least one run"):
         Experiment(Cradle(), ())
-    with pytest.raises(ValueError, match="run 2 would overwrite"):
-        Experiment(Cradle(bobs=2), (*experiment.runs, Run(t + 1.0, readings, state="free")))
+    several = Experiment(
+        Cradle(bobs=2), (*experiment.runs, Run(t + 1.0, readings, state="free", file="other/run1.csv"))
+    )
+    assert [*several.texts()] == ["experiment.toml", "run1.csv", "run1-2.csv"]
+    again = Experiment.load(several.save(tmp_path))
+    assert [run.times[0] for run in again.runs] == [t[0], t[0] + 1.0]
 
 
 def test_nothing_is_half_written(tmp_path):

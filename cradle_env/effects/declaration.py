@@ -56,7 +56,7 @@ class Parameter:
         if not self.each:
             if several:
                 raise ValueError(f"{name} takes one number [{self.unit}], not a list")
-            return number if number == self.absent else check_range(name, number, self.unit, self.low, self.high)
+            return float(number) if number == self.absent else check_range(name, number, self.unit, self.low, self.high)
         values = list(number) if several else [number] * self.count(bobs)
         if len(values) != self.count(bobs):
             raise ValueError(f"{name} has {len(values)} values; {bobs} bobs have {self.count(bobs)} {self.each}s")

@@ -19,6 +19,7 @@ from identification.diagnose.checks import check_readings
 from identification.diagnose.fitted import Fitted, with_known_noise
 from identification.diagnose.search import Searcher, Store
 from identification.experiment import Experiment
+from identification.experiment_file import infer_lines, model_lines
 from identification.files import ExperimentError, read_text
 from identification.fit import Progress
 from identification.toml_file import toml_text
@@ -26,6 +27,9 @@ from identification.unknowns import FIELDS
 
 #: Effects that are in question together.
 Names = tuple[str, ...]
+
+#: Of design.json.
+FORMAT = "cradle-design/1"
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,7 +47,7 @@ class Design:
     def content(self) -> dict[str, Any]:
         """What design.json holds."""
         return {
-            "format": "cradle-design/1",
+            "format": FORMAT,
             "version": __version__,
             "seed": self.seed,
             "inputs": self.experiment.digest,
@@ -85,9 +89,7 @@ class Design:
             f"bobs = {plan.bobs}",
             *(f"{name} = {toml_text(value)}" for name, value in fields.items() if value is not None),
             "",
-            "[model]",
-            f"base = {toml_text(cradle.model)}",
-            f"effects = {toml_text([*old.cradle.effects, *self.certain])}",
+            *model_lines(old.cradle, old.unknown_effect_parameters, self.certain),
             "",
             "[[run]]",
             'file = "run1.csv"',
@@ -96,6 +98,7 @@ class Design:
             f"noise = {toml_text(float(model.likelihood.noise[0]) / run.scale)}  # {run.unit}",
             f"rest = {toml_text(run.rest)}",
             f"# recorded for {plan.duration:g} s",
+            *infer_lines(old.infer),
         ]
         return "\n".join([*lines, ""])
 

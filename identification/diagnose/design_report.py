@@ -11,10 +11,11 @@ import numpy as np
 
 from cradle_env.effects import effect
 from identification.diagnose.advise import Plan
-from identification.diagnose.design import Design
+from identification.diagnose.design import FORMAT, Design
 from identification.diagnose.grid import described
 from identification.diagnose.planned import Instrument, Planned
-from identification.files import json_text, write_together
+from identification.experiment_file import FILE_NAME
+from identification.files import check_own, json_text, write_together
 from identification.page import page
 from identification.style import BLACK, bob_styles, png, quiet_grid, styled
 from identification.wording import Rounding, number, unit_plain
@@ -27,11 +28,17 @@ if TYPE_CHECKING:
 _SHOWN = 12
 
 
+def check_folder(folder: Path) -> None:
+    """ExperimentError where the experiment.toml of a folder is not of an earlier design: it may be the data's."""
+    check_own(folder, (FILE_NAME,), "design.json", FORMAT)
+
+
 def save(design: Design, folder: Path) -> dict[str, Any]:
     """Writes all files, design.json last, whose content it returns. Where no run helps, no experiment.toml is."""
     content = design.content()
     picture = png(design_figure(design))
     files: dict[str, str | bytes] = {"design.png": picture, "report.html": html(design, content, picture)}
+    check_folder(folder)
     if not design.advice.in_vain:
         files["experiment.toml"] = design.experiment_toml()
     write_together(folder, {**files, "design.json": json_text(content)})

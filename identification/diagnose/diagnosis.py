@@ -11,6 +11,7 @@ from typing import Any
 from cradle_env import __version__
 from cradle_env.cradle import Cradle
 from cradle_env.effects import LEARNED
+from cradle_env.effects.elements import element_of
 from identification.diagnose.advise import Advice
 from identification.diagnose.fitted import Fitted
 from identification.diagnose.foretold import allowed_gap
@@ -22,7 +23,6 @@ from identification.diagnose.simpler import ELASTIC
 from identification.diagnose.unseen import Unseen, unseen
 from identification.experiment import Experiment
 from identification.toml_file import toml_key, toml_text
-from identification.unknowns import element_of
 
 VERDICTS = ("nothing_missing", "named", "equivalent", "unknown")
 

@@ -40,13 +40,13 @@ def predictions(without: Fitted, refit: Fitted, searcher: Searcher) -> tuple[flo
     """
     if refit.training_gap() < FAR:
         return None
-    before = _fitted_within(without, searcher)
+    before = fitted_within(without, searcher)
     if before.held_out_gap() > _IN_STEP * before.training_gap():
         return None
-    return before.held_out_gap(), _fitted_within(refit, searcher).held_out_gap()
+    return before.held_out_gap(), fitted_within(refit, searcher).held_out_gap()
 
 
-def _fitted_within(fitted: Fitted, searcher: Searcher) -> Fitted:
+def fitted_within(fitted: Fitted, searcher: Searcher) -> Fitted:
     """The model fitted to the first two thirds, from where it has its mode."""
     likelihood = searcher.likelihood(inner(fitted.experiment))
     key = fit_key("inner", likelihood.experiment, fitted.point.tolist())

@@ -22,7 +22,7 @@ from identification.diagnose.cut import windowed
 from identification.diagnose.decide import ALPHA, CLOSE, colour, coloured, log_evidence
 from identification.diagnose.fitted import Fitted
 from identification.diagnose.in_time import with_time
-from identification.diagnose.inner import EQUAL, inner
+from identification.diagnose.inner import EQUAL, fitted_within, inner
 from identification.diagnose.search import Searcher, fit_key, placed
 from identification.diagnose.terms import Linear, Scales, Term, extended, library
 from identification.experiment import Experiment
@@ -34,6 +34,8 @@ _MOST, _PARTS, _EVALUATIONS = 10, (1.0, 0.5, 0.2, 0.05), 20
 #: How often more terms are sought in what a law leaves of the free run; the gap up to which a free run is in step with
 #: the data, so that terms may be chosen there at once.
 _ROUNDS, _SMALL = 3, 3.0
+#: How many times the gap of effects named instead the gap of a law may at first be.
+_FAR_WORSE = 1.15
 #: Rounds over a rough misfit for an inner prediction: a law is fitted to its end only where it predicts.
 _INNER_ROUNDS = 2
 
@@ -56,9 +58,10 @@ class Law:
         return log_evidence(self.before.chi2 - self.fitted.chi2, more, *coloured(self.fitted))
 
 
-def learn(fitted: Fitted, searcher: Searcher, tell: Progress) -> Law | None:
+def learn(fitted: Fitted, searcher: Searcher, tell: Progress, rival: Fitted | None = None) -> Law | None:
     """The law that a fitted model lacks; None where none predicts better than the model alone, or with so
-    many unknowns more that it explains nothing."""
+    many unknowns more that it explains nothing; or where it begins to predict far worse than a rival, the model with
+    effects named instead."""
     if any(fitted.cradle.has(declared.name) for declared in LEARNED) or "b" not in fitted.likelihood.names:
         return None
     tell("law", 0.0, "window by window")
@@ -67,16 +70,17 @@ def learn(fitted: Fitted, searcher: Searcher, tell: Progress) -> Law | None:
     tell("law", 0.4, "which terms")
     part = inner(fitted.experiment)
     none = Law(fitted, fitted, (), *[_free(fitted, searcher, part, scales, (), {}).held_out_gap()] * 2)
+    most = math.inf if rival is None else _FAR_WORSE * fitted_within(rival, searcher).held_out_gap()
     views = [linear, *(_free_views(none, scales) if fitted.training_gap() <= _SMALL else ())]
-    laws = [(_first(none, searcher, part, scales, view, choices(view)), scales) for view in views]
+    laws = [(_first(none, searcher, part, scales, view, choices(view), most), scales) for view in views]
     tell("law", 0.6, "forces in time")
     if (timed := with_time(linear, scales, chosen(linear))) is not None:
         linear, at = timed
         several = choices(linear)
         swinging = tuple(i for i in several[0] if linear.term(i).in_time) if several else ()
         if swinging:
-            found = (_first(none, searcher, part, at, linear, some) for some in ([swinging], several))
-            laws += [(law, at) for law in found if law is not None and law.inner_after < _largest_of_noise(part)]
+            most = min(most, _largest_of_noise(part))
+            laws += [(_first(none, searcher, part, at, linear, some, most), at) for some in ([swinging], several)]
     found = _best([(law, at) for law, at in laws if law is not None])
     if found is None:
         return None
@@ -115,22 +119,26 @@ def _best(laws: list[tuple[Law, Scales]]) -> tuple[Law, Scales] | None:
 
 
 def _first(
-    none: Law, searcher: Searcher, part: Experiment, scales: Scales, linear: Linear, several: list[tuple[int, ...]]
+    none: Law, searcher: Searcher, part: Experiment, scales: Scales, linear: Linear, several: list[tuple[int, ...]],
+    most: float,
 ) -> Law | None:  # fmt: skip
-    """The law of the first of several subsets that predicts better than the model alone and has evidence."""
-    laws = (_with(none, searcher, part, scales, linear, subset) for subset in several)
+    """The law of the first of several subsets that predicts better than the model alone, with a gap below `most`, and
+    has evidence."""
+    laws = (_with(none, searcher, part, scales, linear, subset, most) for subset in several)
     return next((law for law in laws if law is not None), None)
 
 
 def _with(
-    law: Law, searcher: Searcher, part: Experiment, scales: Scales, linear: Linear, subset: tuple[int, ...]
+    law: Law, searcher: Searcher, part: Experiment, scales: Scales, linear: Linear, subset: tuple[int, ...],
+    most: float = math.inf,
 ) -> Law | None:  # fmt: skip
-    """The law with further terms, fitted; None where that predicts no better or has less evidence."""
+    """The law with further terms, fitted; None where that predicts no better, with a gap of `most` or above, or has
+    less evidence."""
     new, values = tuple(map(linear.term, subset)), linear.values(subset)
     fitted, terms = law.before, (*law.terms, *new)
     try:
         gap = _free(fitted, searcher, part, scales, terms, values, new).held_out_gap()
-        if gap < law.inner_after:
+        if gap < min(law.inner_after, most):
             whole = _free(fitted, searcher, fitted.experiment, scales, terms, values, new)
             whole.held_out_gap()  # raises where the run ends before the readings do
             wider = Law(fitted, whole, terms, law.inner_before, gap)

@@ -107,7 +107,8 @@ def _outdoing(course: Course) -> Law | None:
     if not course.steps or (len(before) == 1 and last.p > _SETTLED):
         return None
     models = [m.fitted for m in before if last.p <= _SETTLED or can_outdo(m.fitted, last.fitted)]
-    laws = [law for law in (learn(model, course.searcher, course.tell) for model in models) if law is not None]
+    found = (learn(model, course.searcher, course.tell, last.fitted) for model in models)
+    laws = [law for law in found if law is not None]
     over = [advantage(law, last.fitted) for law in laws]
     if not over or max(over) < CLOSE:
         return None

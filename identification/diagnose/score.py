@@ -16,6 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cradle_env.effects import Effect
+from cradle_env.effects.elements import balanced
 from cradle_env.simulation import SimulationError, in_threads
 from identification.diagnose.candidates import (
     Candidate,
@@ -32,7 +33,6 @@ from identification.diagnose.fitted import Fitted, span
 from identification.diagnose.locate import log_tail
 from identification.diagnose.search import flat, placed
 from identification.likelihood import Likelihood
-from identification.unknowns import balanced
 
 #: First strength of the finite differences, in scales; then one that moves readings by this share of the noise;
 #: and how often it is sought.
@@ -208,7 +208,7 @@ def _strong(declared: Effect, bobs: int, shape: Values, elements: Sequence, fact
             values[parameter.key] = filled(parameter, value, bobs)
         else:
             values[parameter.key] = [value if i == element else v for i, v in enumerate(values[parameter.key])]
-    return balanced(declared.name, values)
+    return balanced(declared, values)
 
 
 def change(fitted: Fitted, candidate: Candidate, values: Values) -> np.ndarray:

@@ -102,9 +102,10 @@ def _with_needs(names: Iterable[str], figures: Mapping[str, Figure]) -> list[str
 def _stamp(folder: Path) -> dict[str, Any]:
     """What the stamp of a figure's folder says; empty where the figure was never finished."""
     try:
-        return json.loads(read_text(folder / _STAMP)[0])
+        content = json.loads(read_text(folder / _STAMP)[0])
     except (ExperimentError, json.JSONDecodeError):
         return {}
+    return content if isinstance(content, dict) else {}
 
 
 def _make(figure: Figure, study: Study, folder: Path, inputs: str) -> None:
@@ -112,7 +113,10 @@ def _make(figure: Figure, study: Study, folder: Path, inputs: str) -> None:
     began, cpu = time.monotonic(), time.process_time()
     study.tell(0.0, figure.title)
     tables = figure.data(study)
+    if folder.exists() and not (folder / _STAMP).exists():
+        raise ExperimentError(f"{folder}: exists and holds no figure of this command; choose another --out")
     shutil.rmtree(folder, ignore_errors=True)
+    write_json(folder / _STAMP, {})  # so that a kill leaves a folder that is known to be ours
     for name, table in tables.items():
         write(folder / f"{name}.csv", table_text(_padded(table)))
     tables = _read_tables(folder)

@@ -26,7 +26,9 @@ _OTHERS = {
     "lifted": ("1", "lifted bobs"),
 }
 #: Both of a pair set the same thing.
-_EXCLUSIVE = (("beta", "kappa"), ("alpha", "k_f"), ("gamma", "release_angle"))
+_EXCLUSIVE = (("beta", "kappa"), ("alpha", "k_f"), ("n", "k_f"), ("gamma", "release_angle"))
+#: Points of a grid at most.
+_MOST = 10**9
 #: name, or name[i] for that of bob or gap i.
 _ELEMENT = re.compile(r"(?P<whole>[^\[]+)(\[(?P<index>\d+)\])?")
 
@@ -78,6 +80,10 @@ class Grid:
             describe(name)
             if self.names.count(name) > 1:
                 raise ValueError(f"{name} is on two axes; leave one out")
+        if len(self) > _MOST:
+            raise ValueError(
+                f"the grid has {len(self):.3g} points; it must have at most {_MOST:.0e}; sweep it in parts"
+            )
         for one, other in _EXCLUSIVE:
             if one in self.names and other in self.names:
                 raise ValueError(f"{one} and {other} are both swept; {one} sets {other}, so sweep one of them")
@@ -144,7 +150,7 @@ def built(cradle: Cradle, release: Release, values: Mapping[str, float]) -> tupl
     fields: dict[str, Any] = {}
     effects = {name: dict(keys) for name, keys in cradle.effects.items()}
     bobs = int(values.get("bobs", cradle.bobs))
-    for name, value in values.items():
+    for name, value in sorted(values.items(), key=lambda item: "[" in item[0]):  # what sets all before what sets one
         whole, _, element = name.partition("[")
         of, dot, key = whole.partition(".")
         if dot:

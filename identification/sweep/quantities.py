@@ -52,8 +52,8 @@ def _require_sigma(run: Trajectory) -> None:
 
 def synchronized(run: Trajectory) -> int | None:
     """Index of the first sample from which on σ < 0.05 for a whole period; None if there is none."""
-    whole = math.ceil(run.cradle.period / (run.t[1] - run.t[0]))
     below = np.concatenate([[0], np.cumsum(_sigma(run) < SYNCHRONIZED_AT)])
+    whole = math.ceil(run.cradle.period / (run.t[1] - run.t[0]))
     lasting = np.flatnonzero(below[whole:] - below[:-whole] == whole)
     return int(lasting[0]) if len(lasting) else None
 

@@ -91,6 +91,12 @@ class Store:
             raise ValueError(f"{self._plan} is damaged; name another --out, or remove it to start over") from None
         if not same:
             raise ValueError(f"{self._plan} is that of another sweep, or of another version; name another --out")
+        try:
+            whole = self.open().shape == (self.count,)
+        except (OSError, ValueError):
+            whole = False
+        if not whole:
+            raise ValueError(f"{self.rows} is damaged; name another --out, or remove both it and {self._plan}")
 
     def _write_plan(self) -> None:
         content = {"format": FORMAT, "version": __version__, "inputs": self._digest, "reasons": self.reasons}
