@@ -11,6 +11,7 @@ import pytest
 import cradle_env  # noqa: F401  registers the environments
 from cradle_env import Cradle, effects
 from cradle_env.effects import effect
+from cradle_env.effects.elements import with_value
 from cradle_env.model_files import read_model
 from identification import Experiment, diagnose
 from identification.cli import main
@@ -28,7 +29,6 @@ from identification.diagnose.report import save, sentence
 from identification.diagnose.score import family_p, score
 from identification.diagnose.search import Searcher, Store, finished
 from identification.likelihood import Likelihood
-from identification.unknowns import with_value
 from tests.independent.laboratory import record, write_experiment
 from tests.independent.soft_contact import SoftCradle
 
