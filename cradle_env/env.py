@@ -160,7 +160,7 @@ class NewtonCradleEnv(gym.Env[np.ndarray, np.ndarray]):
             self._view.begin()
             if self.render_mode == "human":
                 self.render()
-        return self._episodes.observations[0].copy(), self._episodes.info(0)
+        return self._episodes.observations[0].astype(self.settings.dtype), self._episodes.info(0)
 
     def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
         """One control interval."""
@@ -184,7 +184,8 @@ class NewtonCradleEnv(gym.Env[np.ndarray, np.ndarray]):
             self._view.follow(info, self.impacts)
             if self.render_mode == "human":
                 self.render()
-        return episodes.observations[0].copy(), reward, row[SYNCHRONIZED] > 0.0, row[OVER] > 0.0, info
+        seen = episodes.observations[0].astype(self.settings.dtype)
+        return seen, reward, row[SYNCHRONIZED] > 0.0, row[OVER] > 0.0, info
 
     def render(self) -> Any:
         """A picture as (H, W, 3) uint8, a text, or a window, by `render_mode`."""

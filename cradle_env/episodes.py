@@ -27,8 +27,6 @@ _SAMPLE_RATE = 120.0
 # Impacts of one bob in an interval that are kept; more are counted all the same.
 _IMPACTS = 16
 _REWARDS = {"synchronize": p.SYNCHRONIZE, "sustain": p.SUSTAIN}
-# The machine code of `control.step`, by the type of the observations.
-_STEPS: dict[np.dtype, Callable[..., int]] = {}
 
 
 def shown(report: Sequence[Any] | np.ndarray) -> dict[str, Any]:
@@ -51,7 +49,8 @@ class Episodes:
         self.episodes = np.zeros(count, p.EPISODE)
         self.ring = np.zeros((count, 1))
         self.report = np.zeros((count, control.REPORT))
-        self.observations = np.zeros((count, 4 * n + 3), settings.dtype)
+        #: float64 whatever an environment shows: another type would compile the kernels anew.
+        self.observations = np.zeros((count, 4 * n + 3))
         #: What the next step takes, in [-1, 1]; no part of the state.
         self.actions = np.zeros((count, len(settings.actions)))
         self._steppers: list[Stepper] = []
@@ -151,10 +150,8 @@ class Stepper:
             of.cradles, of.bobs, restitution.universal_curves(), of.state, self.scratch, self.angles, of.episodes,
             of.ring, self.impacts, of.report, of.actions, of.observations,
         )  # fmt: skip
-        kind = of.observations.dtype
-        if kind not in _STEPS:
-            _STEPS[kind] = control.step.compile((*map(numba.typeof, arguments), numba.int64, numba.int64))
-        self.step = functools.partial(_STEPS[kind], *arguments)
+        machine_code = control.step.compile((*map(numba.typeof, arguments), numba.int64, numba.int64))
+        self.step = functools.partial(machine_code, *arguments)
 
     def __getstate__(self) -> dict[str, Any]:
         return {name: value for name, value in self.__dict__.items() if name != "step"}

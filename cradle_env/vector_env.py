@@ -105,7 +105,7 @@ class NewtonCradleVectorEnv(VectorEnv):
             self._begin(k, options)
         self._over[which] = False
         self._ready = True
-        return self._episodes.observations.copy(), self._infos(which)
+        return self._episodes.observations.astype(self.settings.dtype), self._infos(which)
 
     def _begin(self, k: int, options: Mapping[str, Any] | None = None) -> None:
         """Puts episode k before its release."""
@@ -153,7 +153,7 @@ class NewtonCradleVectorEnv(VectorEnv):
         if self.autoreset_mode is AutoresetMode.SAME_STEP and self._over.any():
             final = np.full(self.num_envs, None, dtype=object)
             for k in _indices(self._over):
-                final[k] = self._episodes.observations[k].copy()
+                final[k] = self._episodes.observations[k].astype(self.settings.dtype)
             last = {
                 "final_obs": final,
                 "_final_obs": self._over.copy(),
@@ -163,7 +163,8 @@ class NewtonCradleVectorEnv(VectorEnv):
             for k in _indices(self._over):
                 self._begin(k)
             self._over = np.zeros(self.num_envs, bool)
-        return self._episodes.observations.copy(), rewards, terminated, truncated, {**last, **self._infos()}
+        seen = self._episodes.observations.astype(self.settings.dtype)
+        return seen, rewards, terminated, truncated, {**last, **self._infos()}
 
     def _checked_actions(self, actions: Any) -> np.ndarray:
         checked = as_numbers(actions)
