@@ -224,9 +224,8 @@ def test_what_looks_the_same_as_any_of_the_best_is_refitted():
     assert {c.name for c in fits} == {"frame_compliance", "added_mass", "length_mismatch", "clock_scale"}
 
 
-@pytest.mark.parametrize(
-    "hidden", [("quadratic_drag",), pytest.param(("quadratic_drag", "spacer_offset"), marks=pytest.mark.slow)]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("hidden", [("quadratic_drag",), ("quadratic_drag", "spacer_offset")])
 def test_one_effect_takes_the_place_of_two_where_it_does_as_well(hidden, tmp_path):
     strengths = {"quadratic_drag": {"c2": 0.02}, "spacer_offset": {"offset": [1e-3]}}
     path = written(tmp_path, {name: strengths[name] for name in hidden})

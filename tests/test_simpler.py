@@ -26,6 +26,7 @@ def base_of(folder, strings, offset, **entries):
     return searcher.globally(with_known_noise(Experiment.load(path))), searcher
 
 
+@pytest.mark.slow
 def test_strings_that_do_not_show_are_taken_as_rigid(tmp_path):
     given, searcher = base_of(tmp_path, "rigid", 0.01)
     rigid = simpler(given, searcher, lambda *_: None)
