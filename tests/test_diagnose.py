@@ -1,6 +1,7 @@
 """Diagnoses of data that the soft-contact reference has written: nothing, an effect, a pair that looks the same."""
 
 import dataclasses
+import importlib
 import json
 from types import SimpleNamespace
 
@@ -18,7 +19,7 @@ from identification.cli import main
 from identification.diagnose import course, repair
 from identification.diagnose.candidates import candidates, starts
 from identification.diagnose.course import Course, Step
-from identification.diagnose.decide import Decision, coloured, decide, refitted
+from identification.diagnose.decide import Decision, coloured, decide, refitted, worth_refitting
 from identification.diagnose.diagnosis import VERDICTS, Interval, effect_parameters
 from identification.diagnose.fitted import Fitted, with_known_noise
 from identification.diagnose.foretold import allowed_gap
@@ -192,6 +193,24 @@ def test_fits_of_other_inputs_are_not_used(tmp_path):
     assert Store(tmp_path / "fits.json", "these").points == {}
 
 
+@pytest.mark.parametrize(("gap", "both"), [(1.01, True), (3.0, False)])
+def test_near_the_noise_all_are_refitted_before_it_gives_up(gap, both, monkeypatch):
+    """Contacts a hundredth as long, of five bobs, gain 39 in χ² where their score says 0 (00-contact_duration of the
+    study)."""
+    tried = []
+    nothing = Decision((), None, 0.0, 1.0, 1.0)
+    module = importlib.import_module("identification.diagnose.decide")
+    monkeypatch.setattr(module, "_decision", lambda *_, **__: nothing)
+    monkeypatch.setattr(module, "refitted", lambda _, which, *__: tried.append(which) or dict.fromkeys(which))
+    named = {c.name: c for c in candidates(Cradle(bobs=2)) if not c.alike}
+    surprise = {"quadratic_drag": 8.0, "contact_duration": 0.0, "exposure_blur": 0.0}
+    seen = {"quadratic_drag": (1,), "contact_duration": (1,), "exposure_blur": ()}
+    scores = [SimpleNamespace(candidate=named[name], surprise=s, directions=seen[name]) for name, s in surprise.items()]
+    fitted = SimpleNamespace(training_gap=lambda: gap)
+    assert decide(fitted, SimpleNamespace(scores=scores), None, lambda *_: None) is nothing  # type: ignore[arg-type]
+    assert tried == [[named["quadratic_drag"]], [named["contact_duration"]]][: 1 + both]
+
+
 def test_fits_by_other_code_are_not_used(plain, tmp_path, monkeypatch):
     experiment = Experiment.load(plain)
     Store.of(tmp_path, experiment, 0).point("key", lambda: np.array([1.0]))
@@ -220,7 +239,8 @@ def test_what_looks_the_same_as_any_of_the_best_is_refitted():
         *(SimpleNamespace(candidate=c, parallel=(), likely=(), surprise=0.0, directions=1) for c in alike),
     ]
     base = SimpleNamespace(chi2=1000.0, unit=1.0)
-    fits = refitted(base, SimpleNamespace(scores=scores), Fits(), lambda *_: None)  # type: ignore[arg-type]
+    scored = SimpleNamespace(scores=scores)
+    fits = refitted(base, worth_refitting(scored), scored, Fits(), lambda *_: None)  # type: ignore[arg-type]
     assert {c.name for c in fits} == {"frame_compliance", "added_mass", "length_mismatch", "clock_scale"}
 
 

@@ -58,8 +58,14 @@ class Decision:
 
 
 def decide(fitted: Fitted, scored: Scored, searcher: Searcher, tell: Progress, alpha: float = ALPHA) -> Decision:
-    """Refits the candidates worth it, and decides between them and none."""
-    fits = refitted(fitted, scored, searcher, tell)
+    """Refits the candidates worth it, and decides between them and none. Near the noise it gives up only when it has
+    refitted the others too: first order foretells little of an effect that changes the order of impacts."""
+    fits = refitted(fitted, worth_refitting(scored), scored, searcher, tell)
+    decision = _decision(fitted, fits, scored, searcher, alpha=alpha)
+    if decision.chosen is not None or fitted.training_gap() > FAR:
+        return decision
+    left = [s.candidate for s in scored.scores if s.directions and s.candidate not in fits]
+    fits |= refitted(fitted, left, scored, searcher, tell)
     return _decision(fitted, fits, scored, searcher, alpha=alpha)
 
 
@@ -123,9 +129,11 @@ def _predicts(fitted: Fitted, refit: Refit, searcher: Searcher) -> bool:
     return gaps is None or gaps[1] < (1.0 - EQUAL) * gaps[0]
 
 
-def refitted(fitted: Fitted, scored: Scored, searcher: Searcher, tell: Progress) -> dict[Candidate, Fitted]:
-    """Fits of the model with each candidate worth it; then from where the best has its mode."""
-    tried, fits = worth_refitting(scored), {}
+def refitted(
+    fitted: Fitted, tried: Sequence[Candidate], scored: Scored, searcher: Searcher, tell: Progress
+) -> dict[Candidate, Fitted]:  # fmt: skip
+    """Fits of the model with each of these candidates; then from where the best has its mode."""
+    fits: dict[Candidate, Fitted] = {}
     likely = {s.candidate: s.likely for s in scored.scores}
     for i, candidate in enumerate(tried):
         tell("refit", 0.5 * i / len(tried), candidate.label)
