@@ -16,7 +16,7 @@ def sigma(t: np.ndarray, theta_n: np.ndarray, theta0: float | np.ndarray, period
 
     t: (T,) evenly spaced [s]; theta_n: (..., T) angle of the lifted end bob [rad]; theta0: release angle [rad];
     period: small-angle period [s]. E₊ and E₋ are the running maximum and minimum over a centred window of 1.05
-    periods, cut off at the ends of the record. Returns (..., T).
+    periods, cut off at the ends of the record. Returns (..., T), nan where nothing was lifted.
     """
     from scipy.ndimage import maximum_filter1d, minimum_filter1d
 
@@ -30,7 +30,8 @@ def sigma(t: np.ndarray, theta_n: np.ndarray, theta0: float | np.ndarray, period
         raise ValueError(f"samples every {step:g} s are too sparse for the envelopes of a {period:g} s swing")
     upper = maximum_filter1d(theta_n, 2 * half + 1, axis=-1, mode="nearest")
     lower = minimum_filter1d(theta_n, 2 * half + 1, axis=-1, mode="nearest")
-    return np.abs(upper + lower) / np.asarray(theta0)[..., None] if np.ndim(theta0) else np.abs(upper + lower) / theta0
+    lifted = np.where(np.asarray(theta0) == 0.0, np.nan, theta0)
+    return np.abs(upper + lower) / lifted[..., None]
 
 
 def window_of(t: np.ndarray) -> list[float]:

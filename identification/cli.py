@@ -216,7 +216,7 @@ def sweep(
     over: Annotated[
         list[str] | None,
         typer.Option(metavar="NAME=VALUES", help="An axis: FIRST:LAST:COUNT, with :log evenly in the logarithm, or"
-                     " numbers as 2,3,5. NAME: a field of Cradle, alpha, beta, gamma, delta,"
+                     " numbers as 2,3,5. NAME: a number of Cradle, alpha, beta, gamma, delta,"
                      " release_angle, lifted, or EFFECT.KEY. Repeat for a grid."),
     ] = None,
     quantity: Annotated[

@@ -85,14 +85,20 @@ def _number(name: str, text: str) -> float:
         raise ValueError(f"{name} is {text!r}, which is not a number") from None
 
 
+#: What of a cradle is said by other options than --set.
+_OWN_OPTION = ("bobs", "delta", "model", "beta", "kappa", "k_f", "b", "release_angle", "lifted", "start")
+
+
 def _setting(text: str) -> tuple[str, Any]:
     """("length", 0.25) of "length=0.25"."""
-    known = [f.name for f in dataclasses.fields(Cradle) if f.name not in ("model", "effects", "power_law")]
     name, equals, value = text.partition("=")
     if not equals:
-        raise ValueError(f"--set {text}: expected FIELD=VALUE, as length=0.25")
+        raise ValueError(f"--set {text}: expected NAME=VALUE, as length=0.25")
+    if name in _OWN_OPTION:
+        raise ValueError(f"--set {text}: {name} has an option of its own; give --{name.replace('_', '-')} {value}")
+    known = [f.name for f in dataclasses.fields(Cradle) if f.name not in (*_OWN_OPTION, "effects", "power_law")]
     if name not in known:
-        raise ValueError(f"--set {text}: {unknown_key('field', name, known)}")
+        raise ValueError(f"--set {text}: {unknown_key('name', name, known)}")
     return name, _number(f"--set {name}", value)
 
 

@@ -31,7 +31,7 @@ Effects = Annotated[
 ]
 Settings = Annotated[
     list[str] | None,
-    typer.Option("--set", metavar="FIELD=VALUE", help="Any field of Cradle, as length=0.25. Repeat at will."),
+    typer.Option("--set", metavar="NAME=VALUE", help="Any other number of Cradle, as length=0.25. Repeat at will."),
 ]
 Source = Annotated[
     Path | None,

@@ -30,7 +30,13 @@ def scaffold(data_csv: Path, out: Path | None = None, *, overwrite: bool = False
         raise ExperimentError(f"{out}: these are the data; name another file for what describes them")
     if out.exists() and not overwrite:
         raise ExperimentError(f"{out}: exists already; name another file, or say that it may be overwritten")
-    text = scaffold_text(read_recording(data_csv), _relative(data_csv, out.parent))
+    recording = read_recording(data_csv)
+    if np.isnan(recording.readings).all():
+        raise ExperimentError(f"{data_csv}: holds no reading at all; each row needs a value or more")
+    name = _relative(data_csv, out.parent)
+    if not name.isprintable():
+        raise ExperimentError(f"{name!r}: this name cannot be written into a file; rename the data")
+    text = scaffold_text(recording, name)
     out.parent.mkdir(parents=True, exist_ok=True)
     Experiment.parse(text, out)
     write_together(out.parent, {out.name: text})

@@ -49,6 +49,13 @@ def test_the_page_holds_the_angles_of_single_runs(page):
             assert run["lambda"] == true.newton_exponent()
 
 
+def test_a_bob_that_no_run_has_is_no_matter():
+    """200 bobs at most: there are no runs of 201, nor their angles."""
+    page = explore_html(Grid({"bobs": [2, 201]}, Cradle(bobs=2), RELEASE), duration=3.0)
+    content = json.loads(re.search(r'<script type="application/json" id="content">(.*?)</script>', page)[1])
+    assert content["thetaLargest"] == pytest.approx(RELEASE.angle, rel=0.01)
+
+
 def test_the_page_of_the_defaults_is_not_too_large_and_a_larger_one_is_refused():
     check_size(Grid(AXES, Cradle(), RELEASE), 60.0)
     with pytest.raises(ValueError, match="at most 416 such runs"):

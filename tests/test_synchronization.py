@@ -23,6 +23,7 @@ def test_sigma_of_a_shifted_swing() -> None:
     np.testing.assert_allclose(sigma(T, theta, 0.2, PERIOD)[whole], 0.3, rtol=0, atol=missed)
     many = sigma(T, np.stack([theta, 2 * theta]), np.array([0.2, 0.1]), PERIOD)
     np.testing.assert_array_equal(many[1], 4 * many[0])
+    assert np.isnan(sigma(T, theta, 0.0, PERIOD)).all()  # relative to nothing
 
 
 def test_sigma_looks_over_a_centred_window_of_1_05_periods() -> None:

@@ -135,6 +135,18 @@ def test_a_scaffold_loads_at_once(tmp_path, csv, bobs, base, release):
     assert all("#" in line for line in entries if not line.startswith(("format", "file")))
 
 
+def test_a_scaffold_refuses_what_would_not_load(tmp_path):
+    data = tmp_path / "data.csv"
+    data.write_text("t,theta_1,theta_2\n0,,\n1,,\n", encoding="utf-8")
+    with pytest.raises(ExperimentError, match=r"data\.csv: holds no reading"):
+        scaffold(data)
+    data = data.rename(tmp_path / "two\nlines.csv")
+    data.write_text("t,theta_1\n0,0.2\n1,0.1\n", encoding="utf-8")
+    with pytest.raises(ExperimentError, match="rename the data"):
+        scaffold(data)
+    assert not (tmp_path / "experiment.toml").exists()
+
+
 def test_a_scaffold_overwrites_only_when_told(tmp_path):
     data = tmp_path / "data.csv"
     data.write_text("t,theta_1,theta_2\n0,0,0.2\n1,0.1,0.1\n", encoding="utf-8")

@@ -80,7 +80,8 @@ def explore_html(
         grid, ("lambda", "sigma", *angles), duration=duration, sample_rate=sample_rate, times=times, out=out,
         workers=workers, progress=progress,
     )  # fmt: skip
-    scale = max(float(np.nanmax(np.abs(swept[q.name]))) for q in angles) / 32767.0
+    # nan where there is no such bob, or no such run.
+    scale = float(np.fmax.reduce([np.fmax.reduce(np.abs(swept[q.name]), axis=None) for q in angles])) / 32767.0
     runs = [_run(swept, index, scale) for index in range(len(grid))]
     widest = max(run["pivots"][-1] for run in runs if run["theta"])
     content = {
@@ -145,7 +146,7 @@ def _run(swept: Swept, index: int, scale: float) -> dict[str, Any]:
     cradle: Cradle = swept.plan.grid.point(index)[0]
     theta = np.column_stack([row[f"theta_{i + 1}"] for i in range(cradle.bobs)])
     whole = swept.plan.times <= swept.plan.duration - 0.5 * ENVELOPE_PERIODS * cradle.period  # else envelopes are cut
-    sigma = np.log10(np.maximum(row["sigma"][whole][::SIGMA_EVERY], _LEAST_SIGMA))
+    sigma = np.log10(np.fmax(row["sigma"][whole][::SIGMA_EVERY], _LEAST_SIGMA))
     rate = float(row["lambda"])
     return {
         "problem": "",
