@@ -4,10 +4,11 @@ import functools
 
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
+from scipy.integrate import DOP853, solve_ivp
 from scipy.special import ellipk
 
 from cradle_env import Cradle, Release, simulate
+from cradle_env.mechanics import dop853
 from identification.bench import scipy_peer
 
 ELASTIC = {"-string_hysteresis": {}}
@@ -28,6 +29,13 @@ def peer(strings: str) -> tuple[np.ndarray, ...]:
     return times, *scipy_peer.simulate(
         2, angle=0.228, times=times, strings=strings, kappa=kappa, rtol=1e-13, atol=1e-15
     )
+
+
+def test_the_coefficients_are_those_of_scipy() -> None:
+    stages = DOP853.n_stages
+    np.testing.assert_array_equal(dop853.A, DOP853.A[:stages, :stages])
+    np.testing.assert_array_equal(dop853.B, DOP853.B)
+    np.testing.assert_array_equal(dop853.C, DOP853.C[:stages])
 
 
 @STRINGS

@@ -6,9 +6,11 @@ couple them at a distance, share a group and a step.
 
 import numpy as np
 from numba import int64
-from scipy.integrate import DOP853
 
 from cradle_env.mechanics.contact import contact_forces, pair_forces
+from cradle_env.mechanics.dop853 import A as _A
+from cradle_env.mechanics.dop853 import B as _B
+from cradle_env.mechanics.dop853 import C as _C
 from cradle_env.mechanics.forces import pivot_at, rates
 from cradle_env.mechanics.jit import jit, part
 from cradle_env.mechanics.parameters import (
@@ -29,10 +31,9 @@ from cradle_env.mechanics.parameters import (
     TRIAL,
 )
 
-# Dormand and Prince's method of order 8 (Hairer, Norsett, Wanner, Solving ODEs I, II.5); and row by row without its
-# zeros: weights, and the column of W where the stage that they weigh stands. The last row gives the result.
-_STAGES = DOP853.n_stages
-_A, _B, _C = DOP853.A[:_STAGES, :_STAGES], DOP853.B, np.ascontiguousarray(DOP853.C[:_STAGES])
+# The method row by row without its zeros: weights, and the column of W where the stage that they weigh stands. The last
+# row gives the result.
+_STAGES = len(_C)
 _ROW = np.cumsum([0, *(np.count_nonzero(row) for row in (*_A, _B))])
 _WEIGHT = np.concatenate([row[row != 0.0] for row in (*_A, _B)])
 _STAGE = STAGES + DIM * np.concatenate([np.flatnonzero(row) for row in (*_A, _B)])
