@@ -51,7 +51,7 @@ def simulate(
 
     duration [s], sampled at sample_rate [1/s] from t = 0, or at `times` (T,) [s], ascending, from 0 on.
     ledger: keep the energy ledger. step_factor multiplies the integration step in flight (order 8: errors grow by
-    its 8th power); below 1 also that in contacts which are followed in time. Raises ValueError for impossible input,
+    its 8th power), and in contacts which are followed in time. Raises ValueError for impossible input,
     SimulationError if the run cannot be carried to its end.
     """
     wanted = _times(duration, sample_rate) if times is None else _checked_times(times)
@@ -151,7 +151,9 @@ def records(cradle: Cradle, step_factor: float = 1.0) -> tuple[np.ndarray, np.nd
         step = min(step, _RADIAL_STEP * np.sqrt(c["frame_mass"][0] / c["frame_stiffness"][0]))
     if bobs["tau_c"].any() or has_dry_friction(cradle.effects.get(learned_force.name, {})):
         step = min(step, _FRICTION_STEP / angular)
-    c["step"], c["contact_step"] = step * step_factor, _CONTACT_STEP * min(step_factor, 1.0)
+    c["step"], c["contact_step"] = step * step_factor, _CONTACT_STEP * step_factor
+    if (scale := c["contact_scale"][0]) > 0.0:
+        c["contact_k_el"], c["contact_k_f"] = c["k_el"] * scale**-2.5, c["k_f"] * scale**-1.5
     return c, bobs
 
 

@@ -9,6 +9,7 @@ from cradle_env import Cradle, Release, contact_times, restitution_curve, simula
 from cradle_env.mechanics.parameters import PROGRESS
 from cradle_env.simulation import SimulationError, prepare
 from identification.bench import scipy_peer
+from identification.likelihood import STEP_FACTOR
 from tests.independent.soft_contact import SoftCradle, simulate_soft
 
 RELEASE = Release(angle=0.228)
@@ -250,11 +251,15 @@ def test_contact_duration(bobs: int) -> None:
     assert difference(bobs, -0.005, "hysteretic", contact_duration={"scale": 1.0}) < 1e-4
 
 
-def test_contacts_in_short_steps() -> None:
-    """Contacts take as much shorter steps as flights do, and thousands of them within a blow are no stall."""
+def test_contacts_in_shorter_and_longer_steps() -> None:
+    """Contacts take as much shorter or longer steps as flights do; thousands of them within a blow are no stall."""
     cradle = Cradle(bobs=5, effects={"contact_duration": {"scale": 1.0}})
-    usual, short = (simulate(cradle, RELEASE, 3.0, 60.0, ledger=False, step_factor=f).theta for f in (1.0, 0.1))
-    assert np.abs(usual - short).max() < 5e-6  # 1.5e-6 by the first touch, where the force is a root
+    short, usual, fits = (
+        simulate(cradle, RELEASE, 3.0, 60.0, ledger=False, step_factor=f).theta for f in (0.1, 1.0, STEP_FACTOR)
+    )
+    # 2e-6 and 4e-6, by the first and the last touch, where the force is a root.
+    assert np.abs(usual - short).max() < 5e-6
+    assert np.abs(fits - short).max() < 1e-5
 
 
 def test_a_stall_is_told(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -197,26 +197,17 @@ def apply_chain(cradle, bobs, lo, hi, A, c, W, T, block, offset):
 
 @jit
 def kuwabara_kono(cradle, overlap, speed):
-    """Contact force [N] of eq. 1, with the stiffness scaled so that a contact lasts `contact_scale` times as
-    long at the same e(v)."""
+    """Contact force [N] of eq. 1, of contacts that are followed in time."""
     if overlap <= 0.0:
         return 0.0
-    root = math.sqrt(overlap)
-    k_f = cradle.k_f * cradle.contact_scale**-1.5
-    return max(0.0, root * (stiffness(cradle) * overlap + k_f * speed))
-
-
-@jit
-def stiffness(cradle):
-    """k_el of contacts that are followed in time [N/m^(3/2)]."""
-    return cradle.k_el * cradle.contact_scale**-2.5
+    return max(0.0, math.sqrt(overlap) * (cradle.contact_k_el * overlap + cradle.contact_k_f * speed))
 
 
 @jit
 def blow_speed(cradle, bobs, p, gap, v_n):
     """The speed [m/s] at which pair p would meet to hold the energy that its contact, followed in time, holds."""
     m = 1.0 / (bobs[p].mobility + bobs[p + 1].mobility)
-    return math.sqrt(v_n * v_n + 0.8 * stiffness(cradle) / m * max(-gap, 0.0) ** 2.5)
+    return math.sqrt(v_n * v_n + 0.8 * cradle.contact_k_el / m * max(-gap, 0.0) ** 2.5)
 
 
 @jit

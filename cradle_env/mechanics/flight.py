@@ -2,7 +2,7 @@
 
 import math
 
-from cradle_env.mechanics.contact import blow_speed, close_gaps, pair, stiffness
+from cradle_env.mechanics.contact import blow_speed, close_gaps, pair
 from cradle_env.mechanics.forces import pivot_at
 from cradle_env.mechanics.jit import jit, leaf, part
 from cradle_env.mechanics.motion import derivative, step
@@ -24,6 +24,7 @@ from cradle_env.mechanics.parameters import (
     RELEASE,
     RESOLVED,
     SLACK,
+    STAGES,
     START,
     STEPS,
     T0,
@@ -62,7 +63,7 @@ def plan(cradle, bobs, S, W, lo, hi):
             _fly(cradle, bobs, S, W, lo, hi, h)
 
     for p in range(lo, hi - 1):
-        if _parted(cradle, bobs, S, W, p, h):
+        if _held(cradle, bobs, S, W, p, h, END) < 0.0:
             h = _fly_to_parting(cradle, bobs, S, W, lo, hi, h, p)
             cause, whose = (RELEASE if S[p, LINK] == PRESSED else PART), p
 
@@ -96,7 +97,7 @@ def contact_step(cradle, bobs, S, lo, hi, h):
             v = blow_speed(cradle, bobs, p, gap, v_n)
             if v > 0.0:
                 m = 1.0 / (bobs[p].mobility + bobs[p + 1].mobility)
-                h = min(h, cradle.contact_step * (m / stiffness(cradle)) ** 0.4 * v**-0.2)
+                h = min(h, cradle.contact_step * (m / cradle.contact_k_el) ** 0.4 * v**-0.2)
     return h
 
 
@@ -179,24 +180,31 @@ def first_crossing(sign, c0, c1, c2, c3, c4, c5):
 
 
 @part
-def _parted(cradle, bobs, S, W, p, h):
-    """Whether a contact of pair p has ended at the end of its segment of h [s]."""
+def _held(cradle, bobs, S, W, p, h, c):
+    """What holds a contact of pair p h [s] after the start of its segment, where the motion stands in S from column c
+    on: the force [N] of a persistent one, the overlap [m] of a resolved one. Negative where it has ended."""
     if S[p, LINK] == PRESSED:
-        return W[p, FORCE] < 0.0
-    return S[p, LINK] == RESOLVED and pair(cradle, bobs, p, S[p, T0] + h, S, END)[0] > 0.0
+        return W[p, FORCE]
+    return -pair(cradle, bobs, p, S[p, T0] + h, S, c)[0] if S[p, LINK] == RESOLVED else 0.0
 
 
 @part
 def _fly_to_parting(cradle, bobs, S, W, lo, hi, h, p):
-    """Ends the segment where the force of persistent contact p, or the overlap of a resolved one, reaches zero."""
+    """Ends the segment where what holds contact p reaches zero, found by false position (Illinois)."""
     low, high, mid = 0.0, h, h
+    at_high = _held(cradle, bobs, S, W, p, h, END)
+    derivative(cradle, bobs, S, W, lo, hi, S[lo, T0], S, START, W, STAGES)
+    at_low = max(_held(cradle, bobs, S, W, p, 0.0, START), 0.0)
     while high - low > _PART_TOLERANCE:
-        mid = 0.5 * (low + high)
+        inset = 0.5 * min(_PART_TOLERANCE, high - low)
+        mid = min(max(low + (high - low) * at_low / (at_low - at_high), low + inset), high - inset)
         _fly(cradle, bobs, S, W, lo, hi, mid)
-        if _parted(cradle, bobs, S, W, p, mid):
-            high = mid
+        at_mid = _held(cradle, bobs, S, W, p, mid, END)
+        # An end that stays counts for half, lest the other creep.
+        if at_mid < 0.0:
+            high, at_high, at_low = mid, at_mid, 0.5 * at_low
         else:
-            low = mid
+            low, at_low, at_high = mid, at_mid, 0.5 * at_high
     if mid != high:
         _fly(cradle, bobs, S, W, lo, hi, high)
     return high

@@ -43,7 +43,9 @@ CRADLE = np.dtype(
         ("alpha", "f8"),  # e = 1 - alpha v^n
         ("exponent", "f8"),
         ("restitution", "f8"),  # constant e
-        ("contact_scale", "f8"),  # contact_duration
+        ("contact_scale", "f8"),  # contact_duration; 0: contacts are not followed in time
+        ("contact_k_el", "f8"),  # of contacts that are: k_el and k_f such that they last so many times as long
+        ("contact_k_f", "f8"),  # at the same e(v)
         ("step", "f8"),  # of the integration grid, s
         ("contact_step", "f8"),  # in time scales of a contact that is followed in time
         ("coupled", "i8"),  # 1: bobs act on each other at a distance, and move as one group
