@@ -24,7 +24,7 @@ from identification.unknowns import Unknown, model_unknowns, run_unknowns
 LAMBDA_RATE = 240.0
 #: Integration steps of the inference are longer than those of `simulate`: 1e-7 rad, and 1e-5 where contacts are followed
 #: in time, far below any noise.
-STEP_FACTOR = 1.7
+STEP_FACTOR = 2.2
 #: Where the noise is unknown, a search first takes it for this share of the readings' RMS.
 _UNKNOWN_NOISE = 0.02
 _NONE = np.empty(0)
