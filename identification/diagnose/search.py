@@ -14,7 +14,7 @@ import numpy as np
 
 import cradle_env
 import identification
-from cradle_env.effects import effect
+from cradle_env.effects import LEARNED, effect
 from cradle_env.simulation import SimulationError, in_threads
 from identification.diagnose.candidates import Candidate, Values, starts, with_effects
 from identification.diagnose.fitted import Fitted
@@ -115,12 +115,15 @@ class Searcher:
         return self.best(Fitted(likelihood, self.store.point(key, lambda: finished(likelihood, point))))
 
     def on_everything(self, fitted: Fitted) -> Fitted:
-        """The fit moved to all readings that may be fitted, which choose nothing any more."""
+        """The fit moved to all readings that may be fitted, which choose nothing any more; with a law, whose terms go
+        with their mode of the other unknowns, to no other mode."""
         likelihood = Likelihood(fitted.experiment, None, self.workers)
         key = fit_key("on everything", fitted.experiment, fitted.point.tolist())
 
         def find() -> np.ndarray:
-            return among_modes(likelihood, finished(likelihood, fitted.point))
+            point = finished(likelihood, fitted.point)
+            learned = any(fitted.cradle.has(declared.name) for declared in LEARNED)
+            return point if learned else among_modes(likelihood, point)
 
         return Fitted(likelihood, self.store.point(key, find))
 
