@@ -3,8 +3,8 @@
 Terms are chosen in windows of time with start states of their own, where a force shows where it acts, and in the free
 run, which tells more where the misfit is small: the best subset of each size, and of them the one with the most
 evidence; without forces in time, and with them. The law is then fitted to the training part as one free run, where what
-it leaves shows further terms, and kept if it predicts: fitted to the first two thirds of the training part, it must do
-better on the rest of it than the model alone. What is held out is never looked at.
+it leaves over the noise shows further terms, and kept if it predicts: fitted to the first two thirds of the training
+part, it must do better on the rest of it than the model alone. What is held out is never looked at.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from identification.diagnose.decide import ALPHA, CLOSE, colour, coloured, log_e
 from identification.diagnose.fitted import Fitted
 from identification.diagnose.in_time import with_time
 from identification.diagnose.inner import EQUAL, fitted_within, inner
-from identification.diagnose.search import Searcher, fit_key, placed
+from identification.diagnose.search import Searcher, fit_key, only_noise, placed
 from identification.diagnose.terms import Linear, Scales, Term, extended, library
 from identification.experiment import Experiment
 from identification.fit import Progress, cost, refine, training_rows
@@ -86,6 +86,8 @@ def learn(fitted: Fitted, searcher: Searcher, tell: Progress, rival: Fitted | No
         return None
     law, scales = found
     for i in range(_ROUNDS):
+        if only_noise(law.fitted):  # terms that bend to noise spoil what the law predicts
+            break
         tell("law", 0.8 + 0.05 * i, "what the law leaves")
         subsets = ((view, chosen(view)) for view in _free_views(law, scales))
         wider = [_with(law, searcher, part, scales, view, subset) for view, subset in subsets if subset]
