@@ -119,6 +119,18 @@ def misses(rows: list[Row]) -> list[str]:
     return table(("case", "hidden", "N", "noise", "Δχ²", "verdict", "found", "reason"), lines)
 
 
+def far_off(rows: list[Row]) -> list[str]:
+    """Every unknown of a case that is right, beyond 3 of its standard deviations."""
+    lines = []
+    for row in rows:
+        for key, error in row["errors"].items():
+            if row["right"] and abs(error) > 3.0:
+                apparatus = "differs from the formula in detail" if row["variant"] else ""
+                lines.append((row["case"], row["bobs"], f"{1e3 * row['noise']:g} mrad", f"{row['oracle']:.0f}",
+                              key, f"{error:+.1f}", apparatus))  # fmt: skip
+    return table(("case", "N", "noise", "Δχ²", "unknown", "error over its sd", "apparatus"), lines)
+
+
 def loaded(path: Path) -> Row:
     """The row of a case; with the reason of a miss that its data explain."""
     row = json.loads(path.read_text(encoding="utf-8"))
@@ -149,6 +161,7 @@ def text(rows: list[Row]) -> str:
         if some:
             parts += [f"## {name}: {len(some)} cases\n", "\n".join(summary(some))]
     parts += ["## By effect, all cases\n", "\n".join(by_effect(rows)), "## Every miss\n", "\n".join(misses(rows))]
+    parts += ["## Errors beyond 3 standard deviations where the answer is right\n", "\n".join(far_off(rows))]
     return "\n".join(parts)
 
 
