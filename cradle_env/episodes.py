@@ -20,7 +20,8 @@ from cradle_env.synchronization import ENVELOPE_PERIODS, FLOOR, WINDOW
 
 #: How many arrays `Episodes.arrays` are.
 EPISODE_ARRAYS = 7
-# Integration step over that of `simulate`: 1e-8 rad instead of 1e-10 over 10 s.
+# Integration step over that of `simulate`: 1e-8 rad instead of 1e-10 over 10 s, 1e-5 where contacts are followed in
+# time.
 _STEP_FACTOR = 2.0
 # Samples of σ are taken at least so often [1/s]: a peak is missed by 3e-4 of it at most.
 _SAMPLE_RATE = 120.0

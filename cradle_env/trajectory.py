@@ -9,7 +9,8 @@ import numpy as np
 from cradle_env.cradle import Cradle, InitialState, Release
 from cradle_env.synchronization import WINDOW, newton_exponent, sigma
 
-#: One row per pair of an impact: time [s], pair (i: bobs i and i + 1), approach speed [m/s], energy taken [J].
+#: One row per pair of an impact: time [s], pair (i: bobs i and i + 1), approach speed [m/s], energy taken [J]; what
+#: contacts take that are followed in time stands in the ledger alone.
 IMPACT = np.dtype([("time", "f8"), ("pair", "i8"), ("speed", "f8"), ("loss", "f8")])
 
 

@@ -62,11 +62,21 @@ def test_motion_over_10_s(strings: str) -> None:
 
 @STRINGS
 def test_longer_steps_of_fits(strings: str) -> None:
-    """Fits take longer steps, which may cost as much as 1e-4 of the least noise known of, 1 mrad. 6e-8 and
+    """Fits take longer steps, which may cost 2e-4 of the least noise known of, 1 mrad. 6e-8 and
     1.3e-7 were measured, 3e-7 and 7e-7 with steps a quarter longer."""
     times, theta, *_ = peer(strings)
     run = simulate(two_bobs(strings), RELEASE, times=times, ledger=False, step_factor=STEP_FACTOR)
     np.testing.assert_allclose(run.theta, theta, rtol=0, atol=2e-7)
+
+
+@pytest.mark.parametrize("reach", [3e-4, 3e-3])
+@pytest.mark.parametrize("effect", ["bob_attraction", "group_drag"], ids=["attraction", "drag"])
+def test_forces_at_short_range_are_resolved(effect: str, reach: float) -> None:
+    """Steps shorten where bobs come near: 5e-8 rad. Steps of 20 ms pass over a range of 0.3 mm: 1e-3 rad."""
+    values = {"force": 1e-3} if effect == "bob_attraction" else {"slope": 0.5}
+    cradle = Cradle(bobs=3, delta=0.005, effects={effect: {**values, "range": reach}})
+    fits, fine = (simulate(cradle, RELEASE, 8.0, 60.0, ledger=False, step_factor=f).theta for f in (STEP_FACTOR, 0.25))
+    np.testing.assert_allclose(fits, fine, rtol=0, atol=3e-7)
 
 
 @STRINGS

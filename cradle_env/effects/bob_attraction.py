@@ -3,12 +3,13 @@
 import math
 
 from cradle_env.effects.declaration import Effect, Parameter, Values
+from cradle_env.effects.neighbours import couple
 
 
 def _apply(cradle, bobs, values: Values) -> None:
     cradle["attraction"], cradle["attraction_range"] = values["force"], values["range"]
     if values["force"] != 0.0:
-        cradle["coupled"] = 1
+        couple(cradle, values["range"])
 
 
 bob_attraction = Effect(

@@ -2,9 +2,12 @@
 
 from cradle_env.effects.declaration import Effect, Parameter, Values
 
+#: Scales below which contacts are instantaneous: to follow them in time would lose more by rounding than it shows.
+_SHORTEST = 1e-5
+
 
 def _apply(cradle, bobs, values: Values) -> None:
-    cradle["contact_scale"] = values["scale"]
+    cradle["contact_scale"] = values["scale"] if values["scale"] >= _SHORTEST else 0.0
 
 
 contact_duration = Effect(

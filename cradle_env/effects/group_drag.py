@@ -3,12 +3,13 @@
 import math
 
 from cradle_env.effects.declaration import Effect, Parameter, Values
+from cradle_env.effects.neighbours import couple
 
 
 def _apply(cradle, bobs, values: Values) -> None:
     cradle["drag_slope"], cradle["drag_range"] = values["slope"], values["range"]
     if values["slope"] != 0.0:
-        cradle["coupled"] = 1
+        couple(cradle, values["range"])
 
 
 group_drag = Effect(

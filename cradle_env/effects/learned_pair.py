@@ -5,6 +5,7 @@ import math
 import numpy as np
 
 from cradle_env.effects.declaration import Effect, Parameter, Values
+from cradle_env.effects.neighbours import couple
 
 #: Each term's shape, g = gap/R, u the speed at which the gap opens over the scale, and its meaning.
 TERMS = {
@@ -21,7 +22,8 @@ def _apply(cradle, bobs, values: Values) -> None:
     for field, keys in (("pull", tuple(TERMS)[:3]), ("film", tuple(TERMS)[3:])):
         bobs[field][:-1] = np.transpose([values[key] for key in keys])
     if bobs["pull"].any() or bobs["film"].any():
-        cradle["learned_pairs"], cradle["pair_speed"], cradle["coupled"] = 1, values["speed"], 1
+        cradle["learned_pairs"], cradle["pair_speed"] = 1, values["speed"]
+        couple(cradle, cradle["radius"][0] / 20.0)
 
 
 learned_pair = Effect(

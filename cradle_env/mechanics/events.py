@@ -258,11 +258,14 @@ def meet(cradle, bobs, table, S, W, p, times, motion, energy, impacts, count):
     for i in range(hi - 1, lo - 1, -1):
         arrive(cradle, bobs, S, i, t, W, OUT, times, motion, energy)
 
+    rows = count
     for q in range(a, b - 1):
         W[q, LOSS] = 0.0
-        impacts[count + q - a, 0], impacts[count + q - a, 1] = t, q
-        impacts[count + q - a, 2] = 0.0 - pair(cradle, bobs, q, t, S, START)[3]
-        S[q, IMPACTS] += 1.0
+        if S[q, LINK] != RESOLVED:  # a contact that goes on is no new impact
+            impacts[rows, 0], impacts[rows, 1] = t, q
+            impacts[rows, 2] = 0.0 - pair(cradle, bobs, q, t, S, START)[3]
+            S[q, IMPACTS] += 1.0
+            rows += 1
     S[p, MULTI_BODY] += b - a > 2
     if cradle.contact_scale > 0.0:
         for q in range(a, b - 1):
@@ -282,7 +285,6 @@ def meet(cradle, bobs, table, S, W, p, times, motion, energy, impacts, count):
             S[p, SETTLED] += made
             turn_after_impact(cradle, bobs, S, a, b)
             regroup(cradle, bobs, S, W, lo, hi)
-    for q in range(a, b - 1):
-        impacts[count, 3] = W[q, LOSS]
-        count += 1
-    return lo, hi, count
+    for row in range(count, rows):
+        impacts[row, 3] = W[int(impacts[row, 1]), LOSS]
+    return lo, hi, rows

@@ -2,7 +2,7 @@
 
 import math
 
-from cradle_env.mechanics.contact import blow_speed, close_gaps, pair
+from cradle_env.mechanics.contact import blow_speed, close_gaps, opening, pair
 from cradle_env.mechanics.forces import pivot_at
 from cradle_env.mechanics.jit import jit, leaf, part
 from cradle_env.mechanics.motion import derivative, step
@@ -16,6 +16,7 @@ from cradle_env.mechanics.parameters import (
     GRID,
     LINK,
     LOADING,
+    OPEN,
     OUT,
     PART,
     PRESSED,
@@ -90,14 +91,21 @@ def _fly(cradle, bobs, S, W, lo, hi, h):
 
 @part
 def contact_step(cradle, bobs, S, lo, hi, h):
-    """The step [s] that follows the resolved contacts of a group, at most h."""
+    """The step [s] that follows the resolved contacts of a group and what acts between near bobs, at most h."""
     for p in range(lo, hi - 1):
+        if S[p, LINK] == OPEN and cradle.reach == 0.0:
+            continue
+        gap, nx, nz, v_n, spread = pair(cradle, bobs, p, S[p, T0], S, START)
         if S[p, LINK] == RESOLVED:
-            gap, _, _, v_n, _ = pair(cradle, bobs, p, S[p, T0], S, START)
-            v = blow_speed(cradle, bobs, p, gap, v_n)
+            # A contact that begins nearly at rest gets its speed from what presses the bobs together.
+            pressing = max(-opening(cradle, bobs, p, S, START, S, RATE0, nx, nz, spread), 0.0)
+            v = blow_speed(cradle, bobs, p, gap, v_n) + pressing * h
             if v > 0.0:
                 m = 1.0 / (bobs[p].mobility + bobs[p + 1].mobility)
                 h = min(h, cradle.contact_step * (m / cradle.contact_k_el) ** 0.4 * v**-0.2)
+        elif S[p, LINK] == OPEN and v_n != 0.0:
+            # Exponentials of the gap: over half the gap, or one of their ranges, the step resolves them.
+            h = min(h, (cradle.reach + 0.5 * max(gap, 0.0)) / abs(v_n))
     return h
 
 
@@ -182,7 +190,8 @@ def first_crossing(sign, c0, c1, c2, c3, c4, c5):
 @part
 def _held(cradle, bobs, S, W, p, h, c):
     """What holds a contact of pair p h [s] after the start of its segment, where the motion stands in S from column c
-    on: the force [N] of a persistent one, the overlap [m] of a resolved one. Negative where it has ended."""
+    on: the force [N] of a persistent one, the overlap [m] of a resolved one. Negative where it has ended; 0 for bobs
+    apart."""
     if S[p, LINK] == PRESSED:
         return W[p, FORCE]
     return -pair(cradle, bobs, p, S[p, T0] + h, S, c)[0] if S[p, LINK] == RESOLVED else 0.0
@@ -191,20 +200,24 @@ def _held(cradle, bobs, S, W, p, h, c):
 @part
 def _fly_to_parting(cradle, bobs, S, W, lo, hi, h, p):
     """Ends the segment where what holds contact p reaches zero, found by false position (Illinois)."""
-    low, high, mid = 0.0, h, h
-    at_high = _held(cradle, bobs, S, W, p, h, END)
+    if h <= _PART_TOLERANCE:
+        return h
+    low, high, mid, moved = 0.0, h, h, 0.0
+    held_high = _held(cradle, bobs, S, W, p, h, END)
     derivative(cradle, bobs, S, W, lo, hi, S[lo, T0], S, START, W, STAGES)
-    at_low = max(_held(cradle, bobs, S, W, p, 0.0, START), 0.0)
+    held_low = max(_held(cradle, bobs, S, W, p, 0.0, START), 0.0)
     while high - low > _PART_TOLERANCE:
-        inset = 0.5 * min(_PART_TOLERANCE, high - low)
-        mid = min(max(low + (high - low) * at_low / (at_low - at_high), low + inset), high - inset)
+        inset = 0.5 * _PART_TOLERANCE
+        mid = min(max(low + (high - low) * held_low / (held_low - held_high), low + inset), high - inset)
         _fly(cradle, bobs, S, W, lo, hi, mid)
-        at_mid = _held(cradle, bobs, S, W, p, mid, END)
-        # An end that stays counts for half, lest the other creep.
-        if at_mid < 0.0:
-            high, at_high, at_low = mid, at_mid, 0.5 * at_low
+        held = _held(cradle, bobs, S, W, p, mid, END)
+        # An end that stays twice running counts for half, lest the other creep.
+        if held < 0.0:
+            held_low *= 0.5 if moved < 0.0 else 1.0
+            high, held_high, moved = mid, held, -1.0
         else:
-            low, at_low, at_high = mid, at_mid, 0.5 * at_high
+            held_high *= 0.5 if moved > 0.0 else 1.0
+            low, held_low, moved = mid, held, 1.0
     if mid != high:
         _fly(cradle, bobs, S, W, lo, hi, high)
     return high

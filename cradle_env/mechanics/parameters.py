@@ -44,11 +44,12 @@ CRADLE = np.dtype(
         ("exponent", "f8"),
         ("restitution", "f8"),  # constant e
         ("contact_scale", "f8"),  # contact_duration; 0: contacts are not followed in time
-        ("contact_k_el", "f8"),  # of contacts that are: k_el and k_f such that they last so many times as long
-        ("contact_k_f", "f8"),  # at the same e(v)
+        ("contact_k_el", "f8"),  # k_el of contacts that are, such that they last so many times as long,
+        ("contact_k_f", "f8"),  # and k_f such that e(v) is the same
         ("step", "f8"),  # of the integration grid, s
         ("contact_step", "f8"),  # in time scales of a contact that is followed in time
         ("coupled", "i8"),  # 1: bobs act on each other at a distance, and move as one group
+        ("reach", "f8"),  # the shortest range of what acts between neighbours, by the step factor, m; 0: nothing does
         ("attraction", "f8"),  # bob_attraction: force at touch, N, and its range, m
         ("attraction_range", "f8"),
         ("drag_slope", "f8"),  # group_drag: growth of b per neighbour at touch, and its range, m
