@@ -77,12 +77,7 @@ def summary(rows: list[Row]) -> list[str]:
     lines.append(("in no catalogue: a wrong name (≤ 5 %)", share(unknown, lambda r: bool(reported(r)))))
     good = [row for row in rows if row["hidden"] and row["right"] and row["hidden"] != ["?"]]
     lines.append(("named rightly: held-out gap ≤ 1.05 (all)", share(good, lambda r: r["gap after"] <= 1.05)))
-    # Of equals, the parameters are those of the first: others that do as well have other ones.
-    right = [
-        row
-        for row in rows
-        if row["right"] and sorted([*row["named"], *(row["one of"] or [[]])[0]]) == sorted(row["hidden"])
-    ]
+    right = of_the_right_model(rows)
     for key, (bobs, some) in itertools.product(("k_f", "kappa", "b"), (("N ≤ 3", {1, 2, 3}), ("N = 5", {5}))):
         errors = np.array([row["errors"][key] for row in right if key in row["errors"] and row["bobs"] in some])
         if len(errors):
@@ -119,12 +114,21 @@ def misses(rows: list[Row]) -> list[str]:
     return table(("case", "hidden", "N", "noise", "Δχ²", "verdict", "found", "reason"), lines)
 
 
+def of_the_right_model(rows: list[Row]) -> list[Row]:
+    """The cases that are right and whose parameters are those of the right model: of equals they are the first's."""
+    return [
+        row
+        for row in rows
+        if row["right"] and sorted([*row["named"], *(row["one of"] or [[]])[0]]) == sorted(row["hidden"])
+    ]
+
+
 def far_off(rows: list[Row]) -> list[str]:
-    """Every unknown of a case that is right, beyond 3 of its standard deviations."""
+    """Every unknown of the right model beyond 3 of its standard deviations."""
     lines = []
-    for row in rows:
+    for row in of_the_right_model(rows):
         for key, error in row["errors"].items():
-            if row["right"] and abs(error) > 3.0:
+            if abs(error) > 3.0:
                 apparatus = "differs from the formula in detail" if row["variant"] else ""
                 lines.append((row["case"], row["bobs"], f"{1e3 * row['noise']:g} mrad", f"{row['oracle']:.0f}",
                               key, f"{error:+.1f}", apparatus))  # fmt: skip

@@ -24,7 +24,7 @@ from identification.diagnose.law import advantage, learn, scales_of
 from identification.diagnose.law_shape import Shape, terms_of
 from identification.diagnose.pictures import law_figure
 from identification.diagnose.report import save
-from identification.diagnose.search import Searcher, Store
+from identification.diagnose.search import Searcher, Store, only_noise
 from identification.diagnose.terms import FREQUENCY, Linear, Term, library
 from identification.fit import jacobian
 from tests.independent.laboratory import record, write_experiment
@@ -106,6 +106,14 @@ def test_a_law_that_begins_far_worse_than_its_rival_is_not_completed(rubbed, law
     """A gap half as large as that of the law itself would be less than the noise."""
     monkeypatch.setattr(law_module, "_FAR_WORSE", 0.5)
     assert learn(*rubbed, QUIET, rival=law.fitted) is None
+
+
+def test_a_law_that_leaves_noise_gets_no_further_terms(rubbed, law, monkeypatch):
+    assert only_noise(law.fitted)
+    looked, views = [], law_module._free_views
+    monkeypatch.setattr(law_module, "_free_views", lambda one, scales: looked.append(one.terms) or views(one, scales))
+    learn(*rubbed, QUIET)
+    assert not any(looked)  # in what the model alone leaves, perhaps; not in what the law does
 
 
 def test_where_nothing_known_fits_the_law_goes_into_the_model(rubbed, monkeypatch, tmp_path):
