@@ -22,8 +22,8 @@ from identification.unknowns import Unknown, model_unknowns, run_unknowns
 
 #: Sampling of θ_n for σ and λ [1/s].
 LAMBDA_RATE = 240.0
-#: Integration steps of the inference are longer than those of `simulate`: 1e-7 rad over 10 s, 3e-6 with dry friction
-#: and 1e-5 where contacts are followed in time, below any noise.
+#: Integration steps of the inference are longer than those of `simulate`: 1e-7 rad over 10 s, 3e-6 with dry friction,
+#: 1e-5 where contacts are followed in time, a thousandth of what strings' creep does; below any noise.
 STEP_FACTOR = 2.2
 #: Where the noise is unknown, a search first takes it for this share of the readings' RMS.
 _UNKNOWN_NOISE = 0.02
