@@ -6,6 +6,7 @@ import numpy as np
 
 from cradle_env.effects.declaration import Effect, Parameter, Values
 from cradle_env.effects.neighbours import couple
+from cradle_env.mechanics.parameters import PAIR_DECAYS
 
 #: Each term's shape, g = gap/R, u the speed at which the gap opens over the scale, and its meaning.
 TERMS = {
@@ -23,7 +24,7 @@ def _apply(cradle, bobs, values: Values) -> None:
         bobs[field][:-1] = np.transpose([values[key] for key in keys])
     if bobs["pull"].any() or bobs["film"].any():
         cradle["learned_pairs"], cradle["pair_speed"] = 1, values["speed"]
-        couple(cradle, cradle["radius"][0] / 20.0)
+        couple(cradle, cradle["radius"][0] / max(PAIR_DECAYS))
 
 
 learned_pair = Effect(

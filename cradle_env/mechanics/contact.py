@@ -23,6 +23,7 @@ from cradle_env.mechanics.parameters import (
     LINK,
     N_X,
     N_Z,
+    PAIR_DECAYS,
     PRESSED,
     RESOLVED,
     SOLUTION,
@@ -268,9 +269,10 @@ def pair_forces(cradle, bobs, t, A, c, R, rate):
 
 @jit
 def learned_pair(bob, gap, u):
-    """Repulsion [N] of a bob and the next: -sum (pull_k + film_k u) exp(-gap / range_k); gap and the ranges 1/20, 1/4
-    and 1 in radii of a bob, u the speed at which the gap opens in units of its scale."""
-    near, middle, far = math.exp(-20.0 * gap), math.exp(-4.0 * gap), math.exp(-gap)
+    """Repulsion [N] of a bob and the next: -sum (pull_k + film_k u) exp(-decay_k gap); gap in radii of a bob, u the
+    speed at which it opens in units of its scale."""
+    a, b, c = PAIR_DECAYS
+    near, middle, far = math.exp(-a * gap), math.exp(-b * gap), math.exp(-c * gap)
     pull = bob.pull[0] * near + bob.pull[1] * middle + bob.pull[2] * far
     return -pull - u * (bob.film[0] * near + bob.film[1] * middle + bob.film[2] * far)
 

@@ -93,19 +93,19 @@ def _fly(cradle, bobs, S, W, lo, hi, h):
 def contact_step(cradle, bobs, S, lo, hi, h):
     """The step [s] that follows the resolved contacts of a group and what acts between near bobs, at most h."""
     for p in range(lo, hi - 1):
-        if S[p, LINK] == OPEN and cradle.reach == 0.0:
-            continue
-        gap, nx, nz, v_n, spread = pair(cradle, bobs, p, S[p, T0], S, START)
         if S[p, LINK] == RESOLVED:
+            gap, nx, nz, v_n, spread = pair(cradle, bobs, p, S[p, T0], S, START)
             # A contact that begins nearly at rest gets its speed from what presses the bobs together.
             pressing = max(-opening(cradle, bobs, p, S, START, S, RATE0, nx, nz, spread), 0.0)
             v = blow_speed(cradle, bobs, p, gap, v_n) + pressing * h
             if v > 0.0:
                 m = 1.0 / (bobs[p].mobility + bobs[p + 1].mobility)
                 h = min(h, cradle.contact_step * (m / cradle.contact_k_el) ** 0.4 * v**-0.2)
-        elif S[p, LINK] == OPEN and v_n != 0.0:
-            # Exponentials of the gap: over half the gap, or one of their ranges, the step resolves them.
-            h = min(h, (cradle.reach + 0.5 * max(gap, 0.0)) / abs(v_n))
+        elif S[p, LINK] == OPEN and cradle.reach > 0.0:
+            gap, _, _, v_n, _ = pair(cradle, bobs, p, S[p, T0], S, START)
+            if v_n != 0.0:
+                # Exponentials of the gap: over half the gap, or one of their ranges, the step resolves them.
+                h = min(h, (cradle.reach + 0.5 * max(gap, 0.0)) / abs(v_n))
     return h
 
 
@@ -202,12 +202,12 @@ def _fly_to_parting(cradle, bobs, S, W, lo, hi, h, p):
     """Ends the segment where what holds contact p reaches zero, found by false position (Illinois)."""
     if h <= _PART_TOLERANCE:
         return h
-    low, high, mid, moved = 0.0, h, h, 0.0
+    low, high, mid, moved, inset = 0.0, h, h, 0.0, 0.5 * _PART_TOLERANCE
     held_high = _held(cradle, bobs, S, W, p, h, END)
-    derivative(cradle, bobs, S, W, lo, hi, S[lo, T0], S, START, W, STAGES)
+    if S[p, LINK] == PRESSED:  # the force that held it at the start
+        derivative(cradle, bobs, S, W, lo, hi, S[lo, T0], S, START, W, STAGES)
     held_low = max(_held(cradle, bobs, S, W, p, 0.0, START), 0.0)
     while high - low > _PART_TOLERANCE:
-        inset = 0.5 * _PART_TOLERANCE
         mid = min(max(low + (high - low) * held_low / (held_low - held_high), low + inset), high - inset)
         _fly(cradle, bobs, S, W, lo, hi, mid)
         held = _held(cradle, bobs, S, W, p, mid, END)

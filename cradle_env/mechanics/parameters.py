@@ -29,6 +29,8 @@ OPEN, PRESSED, RESOLVED = 0.0, 1.0, 2.0
 
 #: How many parameters the forces from outside may have together.
 USER = 32
+#: How fast the three exponentials of learned_pair fall with the gap, per radius of a bob.
+PAIR_DECAYS = (20.0, 4.0, 1.0)
 
 CRADLE = np.dtype(
     [
@@ -84,7 +86,7 @@ BOB = np.dtype(
         ("b", "f8"),  # linear drag, kg/s
         ("c2", "f8"),  # quadratic_drag, kg/m
         ("tau_c", "f8"),  # pivot_friction, N m
-        ("pull", "f8", (3,)),  # learned_pair, of the pair with the next bob: N, for each range
+        ("pull", "f8", (3,)),  # learned_pair, of the pair with the next bob: N, for each of PAIR_DECAYS
         ("film", "f8", (3,)),
         ("user", "f8", (USER,)),  # parameters of the force from outside
         ("user_state", "f8", (6,)),  # what passes to and from it

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cradle_env.cradle import Cradle
+from cradle_env.effects import LEARNED
 from identification.experiment import Experiment
 from identification.fit import mode_at, training_rows, unit
 from identification.jumps import widened
@@ -65,6 +66,11 @@ class Fitted:
     def values(self) -> dict[str, float]:
         """The unknowns at the mode."""
         return self.likelihood.values(self.point)
+
+    @property
+    def learned(self) -> bool:
+        """Whether the model holds a law learned from data."""
+        return any(self.cradle.has(declared.name) for declared in LEARNED)
 
     @functools.cached_property
     def residuals(self) -> np.ndarray:

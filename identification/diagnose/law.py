@@ -16,7 +16,6 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import chi2
 
-from cradle_env.effects import LEARNED
 from cradle_env.simulation import SimulationError, in_threads
 from identification.diagnose.cut import windowed
 from identification.diagnose.decide import ALPHA, CLOSE, colour, coloured, log_evidence
@@ -62,7 +61,7 @@ def learn(fitted: Fitted, searcher: Searcher, tell: Progress, rival: Fitted | No
     """The law that a fitted model lacks; None where none predicts better than the model alone, or with so
     many unknowns more that it explains nothing; or where it begins to predict far worse than a rival, the model with
     effects named instead."""
-    if any(fitted.cradle.has(declared.name) for declared in LEARNED) or "b" not in fitted.likelihood.names:
+    if fitted.learned or "b" not in fitted.likelihood.names:
         return None
     tell("law", 0.0, "window by window")
     scales = scales_of(fitted)

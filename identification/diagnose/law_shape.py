@@ -17,6 +17,7 @@ from cradle_env.effects.learned_force import TERMS as OF_FORCE
 from cradle_env.effects.learned_impact import learned_impact
 from cradle_env.effects.learned_pair import TERMS as OF_PAIR
 from cradle_env.effects.learned_pair import learned_pair
+from cradle_env.mechanics.parameters import PAIR_DECAYS
 from cradle_env.simulation import simulate
 from identification.diagnose.decide import coloured
 from identification.diagnose.fitted import Fitted
@@ -174,14 +175,14 @@ class Shape:
         name = learned_pair.name
         who = self._who(name, pair, "neighbours")
         gap = np.linspace(0.0, _FURTHEST, _POINTS)
-        ranges = dict(zip(OF_PAIR, (20.0, 4.0, 1.0) * 2, strict=True))
+        decays = dict(zip(OF_PAIR, PAIR_DECAYS * 2, strict=True))
         curves = []
         for kind, title, unit, scale in (
             ("pull", "attraction", "force [mN]", 1e3),
             ("film", "resistance to opening and closing", "force per speed [N s/m]", 1.0 / self._values(name, "speed")),
         ):
             y, band = self._curve(
-                name, pair, lambda k, kind=kind: np.exp(-ranges[k] * gap) * float(k.startswith(kind))
+                name, pair, lambda k, kind=kind: np.exp(-decays[k] * gap) * float(k.startswith(kind))
             )  # fmt: skip
             if _size(y) > 0.0:
                 millimetres = 1e3 * self.cradle.radius * gap

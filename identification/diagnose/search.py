@@ -14,7 +14,7 @@ import numpy as np
 
 import cradle_env
 import identification
-from cradle_env.effects import LEARNED, effect
+from cradle_env.effects import effect
 from cradle_env.simulation import SimulationError, in_threads
 from identification.diagnose.candidates import Candidate, Values, starts, with_effects
 from identification.diagnose.fitted import Fitted
@@ -122,8 +122,7 @@ class Searcher:
 
         def find() -> np.ndarray:
             point = finished(likelihood, fitted.point)
-            learned = any(fitted.cradle.has(declared.name) for declared in LEARNED)
-            return point if learned else among_modes(likelihood, point)
+            return point if fitted.learned else among_modes(likelihood, point)
 
         return Fitted(likelihood, self.store.point(key, find))
 
