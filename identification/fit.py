@@ -24,6 +24,9 @@ _LADDER = (-0.06, -0.045, -0.03, -0.02, -0.01, 0.01, 0.02, 0.03, 0.045, 0.06)
 _IMPOSSIBLE = 1e4
 #: Gain in χ², over what a reading leaves, at which least squares ends.
 _GAIN = 1e-3
+#: A step that changes the residuals otherwise than foretold by less than this part of the change leaves derivatives
+#: good enough to be corrected by it alone.
+_FORETOLD = 0.3
 
 Progress = Callable[[str, float, str], None]
 
@@ -205,27 +208,63 @@ def refine(likelihood: Likelihood, point: np.ndarray, evaluations: int) -> tuple
         length = len(likelihood.residuals(inside))
     except (SimulationError, ValueError):
         return inside, math.inf
-    last: dict[str, np.ndarray] = {}
+    descent, cost_before = _Descent(likelihood, length), math.inf
+    while True:
+        found = least_squares(
+            descent.residuals,
+            inside,
+            descent.derivatives,  # type: ignore[arg-type]  # a function, which SciPy's stubs do not know of
+            (low - 1e-12, high + 1e-12),
+            x_scale=steps(likelihood),
+            max_nfev=evaluations,
+            xtol=1e-8,
+            ftol=_GAIN / max(length, 1),
+        )
+        inside, evaluations = found.x, evaluations - found.nfev
+        if evaluations <= 0 or descent.fresh or cost_before - found.cost < _GAIN / max(length, 1) * found.cost:
+            return found.x, 2.0 * float(found.cost)
+        cost_before = found.cost  # corrected derivatives may have ended it: once more, with new ones
+        descent = _Descent(likelihood, length)
 
-    def residuals(z: np.ndarray) -> np.ndarray:
-        last["point"], last["value"] = z.copy(), safe_residuals(likelihood, z, length)
-        return last["value"]
 
-    def derivatives(z: np.ndarray) -> np.ndarray:
-        base = last["value"] if np.array_equal(last["point"], z) else residuals(z)
-        return jacobian(likelihood, z, base)
+class _Descent:
+    """Residuals and their derivatives at the points of a descent. Derivatives are taken by differences, a simulation
+    for each unknown, only where the last step did not do about what they foretold; else that step corrects them
+    (Broyden 1965). fresh: whether the last are by differences."""
 
-    found = least_squares(
-        residuals,
-        inside,
-        derivatives,  # type: ignore[arg-type]  # a function, which SciPy's stubs do not know of
-        (low - 1e-12, high + 1e-12),
-        x_scale=steps(likelihood),
-        max_nfev=evaluations,
-        xtol=1e-8,
-        ftol=_GAIN / max(length, 1),
-    )
-    return found.x, 2.0 * float(found.cost)
+    def __init__(self, likelihood: Likelihood, length: int):
+        self.likelihood, self.length, self.fresh = likelihood, length, True
+        self.width = steps(likelihood)
+        self._seen: tuple[np.ndarray, np.ndarray] | None = None
+        self._at: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None
+
+    def residuals(self, point: np.ndarray) -> np.ndarray:
+        """Those at a point, (R,)."""
+        self._seen = point.copy(), safe_residuals(self.likelihood, point, self.length)
+        return self._seen[1]
+
+    def derivatives(self, point: np.ndarray) -> np.ndarray:
+        """Those at a point, (R, D)."""
+        known = self._seen is not None and np.array_equal(self._seen[0], point)
+        value = self._seen[1] if known else self.residuals(point)
+        J = self._corrected(point, value)
+        self.fresh = J is None
+        if J is None:
+            J = jacobian(self.likelihood, point, value)
+        self._at = point.copy(), value, J
+        return J
+
+    def _corrected(self, point: np.ndarray, value: np.ndarray) -> np.ndarray | None:
+        """The last derivatives, corrected in the direction of the step since; None where that went astray."""
+        if self._at is None:
+            return None
+        last, before, J = self._at
+        step, change = point - last, value - before
+        unforeseen = change - J @ step
+        if np.linalg.norm(unforeseen) >= _FORETOLD * np.linalg.norm(change):
+            return None
+        scaled = step / self.width
+        return J + np.outer(unforeseen, scaled / self.width) / (scaled @ scaled)
 
 
 def mode_at(likelihood: Likelihood, point: np.ndarray, J: np.ndarray) -> Mode:

@@ -17,6 +17,8 @@ from cradle_env.simulation import in_threads
 from identification.fit import best_rungs, bounds, cost, refine, safe_residuals, steps, unit
 from identification.likelihood import Likelihood
 
+#: The number of bobs from which on their impacts have an order that may flip.
+_SEVERAL = 3
 #: How far apart, in noises over all readings (or in what a reading leaves, where that is more), the ends of a
 #: difference in one unknown are at least; attempts at such a step, the first in steps of a smooth misfit; half the
 #: difference in directions that are known independently of each other, in standard deviations.
@@ -97,7 +99,10 @@ def polish(
     likelihood: Likelihood, point: np.ndarray, rounds: int = ROUNDS, thorough: bool = False
 ) -> np.ndarray:  # fmt: skip
     """Where steps by the broad derivatives lead from a point, on and on while χ² falls; (D,). Far above the noise,
-    where jumps are the least of what a model lacks, while it falls fast, unless asked to be thorough."""
+    where jumps are the least of what a model lacks, while it falls fast, and not at all with fewer than three bobs,
+    unless asked to be thorough."""
+    if likelihood.experiment.cradle.bobs < _SEVERAL and not thorough:
+        return point
     widths, last = _WIDEST * steps(likelihood), math.inf
     for _ in range(rounds):
         residuals = likelihood.residuals(point)

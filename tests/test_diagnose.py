@@ -193,8 +193,8 @@ def test_fits_of_other_inputs_are_not_used(tmp_path):
     assert Store(tmp_path / "fits.json", "these").points == {}
 
 
-@pytest.mark.parametrize(("gap", "both"), [(1.01, True), (3.0, False)])
-def test_near_the_noise_all_are_refitted_before_it_gives_up(gap, both, monkeypatch):
+@pytest.mark.parametrize(("gap", "exhaust", "both"), [(1.01, True, True), (3.0, True, False), (1.01, False, False)])
+def test_near_the_noise_all_are_refitted_before_it_gives_up(gap, exhaust, both, monkeypatch):
     """Contacts a hundredth as long, of five bobs, gain 39 in χ² where their score says 0 (00-contact_duration of the
     study)."""
     tried = []
@@ -207,7 +207,8 @@ def test_near_the_noise_all_are_refitted_before_it_gives_up(gap, both, monkeypat
     seen = {"quadratic_drag": (1,), "contact_duration": (1,), "exposure_blur": ()}
     scores = [SimpleNamespace(candidate=named[name], surprise=s, directions=seen[name]) for name, s in surprise.items()]
     fitted = SimpleNamespace(training_gap=lambda: gap)
-    assert decide(fitted, SimpleNamespace(scores=scores), None, lambda *_: None) is nothing  # type: ignore[arg-type]
+    scored = SimpleNamespace(scores=scores)
+    assert decide(fitted, scored, None, lambda *_: None, exhaust) is nothing  # type: ignore[arg-type]
     assert tried == [[named["quadratic_drag"]], [named["contact_duration"]]][: 1 + both]
 
 

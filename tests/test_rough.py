@@ -68,7 +68,7 @@ def test_far_above_the_noise_its_size_is_of_no_matter(tmp_path):
     for noise in (3e-5, 3e-6):
         runs = tuple(dataclasses.replace(run, noise=noise) for run in experiment.runs)
         own = Searcher(Store(None, ""), 0, None).likelihood(dataclasses.replace(experiment, runs=runs))
-        ends.append(polish(own, own.start()))
+        ends.append(polish(own, own.start(), thorough=True))
         assert cost(own, ends[-1]) > 10.0 * len(own.residuals(ends[-1]))
         J = broad_jacobian(own, ends[0], own.residuals(ends[0]))
         derivatives.append(J[:-1] * noise)  # the last row is the prior's of the release

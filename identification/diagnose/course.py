@@ -17,6 +17,8 @@ from identification.fit import Progress
 
 #: Replicates of each model.
 _REPLICATES = 400
+#: So many effects taken, another is found only where its score foretells it: one unknown cause is more probable.
+_FORETOLD = 2
 #: Share of an effect's gain in χ² that another mode of the model without it must have to be looked at before anything
 #: is named.
 _MODE = 0.05
@@ -80,7 +82,7 @@ class Course:
     def go_on(self) -> bool:
         """Takes the most probable effect into the model examined last; whether there was one."""
         now = self.examined[-1]
-        decision = decide(now.fitted, now.scored, self.searcher, self.tell)
+        decision = decide(now.fitted, now.scored, self.searcher, self.tell, len(self.steps) < _FORETOLD)
         if decision.chosen is None and len(self.examined) == 1:
             decision = from_anywhere(now.fitted, decision, now.scored, self.searcher, self.tell)
         if decision.chosen is None:

@@ -57,16 +57,17 @@ class Decision:
     effective: float
 
 
-def decide(fitted: Fitted, scored: Scored, searcher: Searcher, tell: Progress, alpha: float = ALPHA) -> Decision:
-    """Refits the candidates worth it, and decides between them and none. Near the noise it gives up only when it has
-    refitted the others too: first order foretells little of an effect that changes the order of impacts."""
+def decide(fitted: Fitted, scored: Scored, searcher: Searcher, tell: Progress, exhaust: bool = True) -> Decision:
+    """Refits the candidates worth it, and decides between them and none. Asked to exhaust them, near the noise it gives
+    up only when it has refitted the others too: first order foretells little of an effect that changes the order of
+    impacts."""
     fits = refitted(fitted, worth_refitting(scored), scored, searcher, tell)
-    decision = _decision(fitted, fits, scored, searcher, alpha=alpha)
-    if decision.chosen is not None or fitted.training_gap() > FAR:
+    decision = _decision(fitted, fits, scored, searcher)
+    if decision.chosen is not None or fitted.training_gap() > FAR or not exhaust:
         return decision
     left = [s.candidate for s in scored.scores if s.directions and s.candidate not in fits]
     fits |= refitted(fitted, left, scored, searcher, tell)
-    return _decision(fitted, fits, scored, searcher, alpha=alpha)
+    return _decision(fitted, fits, scored, searcher)
 
 
 def beside(fitted: Fitted, scored: Scored, other: Fitted, searcher: Searcher, tell: Progress) -> Decision:
@@ -105,9 +106,8 @@ def from_anywhere(
 
 
 def _decision(
-    fitted: Fitted, fits: Mapping[Candidate, Fitted], scored: Scored, searcher: Searcher, *others: Fitted,
-    alpha: float = ALPHA,
-) -> Decision:  # fmt: skip
+    fitted: Fitted, fits: Mapping[Candidate, Fitted], scored: Scored, searcher: Searcher, *others: Fitted
+) -> Decision:
     """Judges fits of a model with a candidate more, by the noise that the best of them and of others leaves."""
     best = min([*fits.values(), *others], key=lambda fit: fit.chi2, default=fitted)
     inflation, effective = coloured(best)
@@ -118,7 +118,7 @@ def _decision(
         except SimulationError:  # it ends where nothing was fitted: not a model of this experiment
             continue
     refits.sort(key=lambda refit: -refit.log_evidence)
-    significant = (refit for refit in refits if refit.p < alpha and refit.log_evidence > 0.0)
+    significant = (refit for refit in refits if refit.p < ALPHA and refit.log_evidence > 0.0)
     chosen = next((refit for refit in significant if _predicts(fitted, refit, searcher)), None)
     return Decision(tuple(refits), chosen, _probability(chosen, refits), inflation, effective)
 

@@ -28,7 +28,7 @@ from identification.rough import among_modes, polish
 _FACTORS = (0.01, 0.1, 1.0, 3.0)
 #: How many starts are followed, by how many evaluations; how many of them to the end, by how many at most; and rounds
 #: over a rough misfit before a model is given up.
-_FOLLOWED, _FIRST, _KEPT, _LAST, _FEW = 3, 5, 2, 40, 2
+_FOLLOWED, _FIRST, _KEPT, _LAST, _FEW = 3, 6, 2, 40, 2
 #: Searches from anywhere at most to make sure of a mode, and standard deviations of χ² that noise alone may leave.
 _ATTEMPTS, _NOISE = 3, 1.0
 
