@@ -235,7 +235,7 @@ class _Descent:
     def __init__(self, likelihood: Likelihood, length: int):
         self.likelihood, self.length, self.fresh = likelihood, length, True
         self.width = steps(likelihood)
-        self._seen: tuple[np.ndarray, np.ndarray] | None = None
+        self._seen = np.empty(0), np.empty(0)
         self._at: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None
 
     def residuals(self, point: np.ndarray) -> np.ndarray:
@@ -245,8 +245,7 @@ class _Descent:
 
     def derivatives(self, point: np.ndarray) -> np.ndarray:
         """Those at a point, (R, D)."""
-        known = self._seen is not None and np.array_equal(self._seen[0], point)
-        value = self._seen[1] if known else self.residuals(point)
+        value = self._seen[1] if np.array_equal(self._seen[0], point) else self.residuals(point)
         J = self._corrected(point, value)
         self.fresh = J is None
         if J is None:
