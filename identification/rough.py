@@ -18,7 +18,7 @@ from identification.fit import best_rungs, bounds, cost, refine, safe_residuals,
 from identification.likelihood import Likelihood
 
 #: The number of bobs from which on their impacts have an order that may flip.
-_SEVERAL = 3
+SEVERAL = 3
 #: How far apart, in noises over all readings (or in what a reading leaves, where that is more), the ends of a
 #: difference in one unknown are at least; attempts at such a step, the first in steps of a smooth misfit; half the
 #: difference in directions that are known independently of each other, in standard deviations.
@@ -101,7 +101,7 @@ def polish(
     """Where steps by the broad derivatives lead from a point, on and on while χ² falls; (D,). Far above the noise,
     where jumps are the least of what a model lacks, while it falls fast, and not at all with fewer than three bobs,
     unless asked to be thorough."""
-    if likelihood.experiment.cradle.bobs < _SEVERAL and not thorough:
+    if likelihood.experiment.cradle.bobs < SEVERAL and not thorough:
         return point
     widths, last = _WIDEST * steps(likelihood), math.inf
     for _ in range(rounds):
