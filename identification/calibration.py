@@ -68,11 +68,13 @@ def measure_gap(posterior: Posterior) -> Gap:
     point = refit(likelihood, posterior.best())
     scaled: dict[str, list[np.ndarray]] = {"train": [], "held_out": []}
     raw: dict[str, list[np.ndarray]] = {"train": [], "held_out": []}
+    length, quantity = full.experiment.cradle.length, full.experiment.runs[0].quantity
     for k, run in enumerate(full.experiment.runs):
+        in_first = 1.0 if run.quantity == quantity else length if quantity == "x" else 1.0 / length
         for part, rows in (("train", train[k]), ("held_out", held[k])):
             if rows.any():
                 residual = likelihood.predict(point, k, rows)[0] - run.readings[rows]
-                raw[part].append(residual)
+                raw[part].append(residual * in_first)
                 scaled[part].append((residual / full.noise[k]).ravel())
     by_bob = {part: _rms_by_bob(rows) for part, rows in raw.items() if rows}
     ratio = {part: rms(np.concatenate(rows)) if rows else np.nan for part, rows in scaled.items()}

@@ -19,7 +19,7 @@ from cradle_env.model_files import read_model
 from identification import results
 from identification.experiment import Experiment
 from identification.experiment_file import FILE_NAME
-from identification.files import check_own
+from identification.files import check_own, check_report
 from identification.measurement import Instrument
 from identification.posterior import Posterior
 from identification.runs import ReleaseInfo, Run
@@ -169,6 +169,7 @@ def calibrate(
     """Calibrates an experiment and writes all of it; 0 if the chains have converged, else 1."""
     from identification.calibration import calibrate as run
 
+    check_report(out, "calibrate")
     experiment = Experiment.load(path)
     with Progress() as progress:
         posterior = run(
@@ -191,6 +192,7 @@ def diagnose(path: Path, out: Path, seed: int, workers: int | None) -> None:
     from identification.diagnose import diagnose as run
     from identification.diagnose.report import save, sentence
 
+    check_report(out, "diagnose")
     experiment = Experiment.load(path)
     with Progress() as progress:
         diagnosis = run(experiment, out=out, seed=seed, workers=workers, progress=progress)
@@ -228,6 +230,7 @@ def design(
     from identification.diagnose.design_report import check_folder, save, sentence, shown
     from identification.diagnose.grid import described as described_run
 
+    check_report(out, "design")
     check_folder(out)
     experiment = Experiment.load(path)
     with Progress() as progress:

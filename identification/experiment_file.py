@@ -141,10 +141,12 @@ def _read_run(table: Table, file: str, recording: Recording, cradle: Cradle) -> 
             values[key] = table.string(key, choices)
     if "release" in table:
         values["release"] = _read_release(table.table("release"))
+    # Where each bob rests from a common origin only its readings tell; a rest that is free need not be told better.
+    from_rest = recording.displacements() if values.get("rest") == "free" else recording.readings
     with table.entry():
         run = Run(
             recording.times,
-            recording.readings,
+            from_rest,
             quantity=recording.quantity,
             file=file,
             unit=recording.unit,

@@ -51,6 +51,19 @@ def check_own(folder: Path, names: Iterable[str], stamp: str, formats: str) -> N
         raise ExperimentError(f"{there[0]}: exists and is no result of this command; choose another --out")
 
 
+#: The commands that write a report.html, by what else each leaves in its folder.
+_REPORTS = {"posterior.nc": "calibrate", "diagnosis.json": "diagnose", "design.json": "design"}
+
+
+def check_report(folder: Path, command: str) -> None:
+    """ExperimentError where a folder holds the report of another command, which this one's would replace."""
+    for name, other in _REPORTS.items():
+        if other != command and (folder / name).exists():
+            raise ExperimentError(
+                f"{folder}: holds the report of cradle {other}, which would be lost; choose another --out"
+            )
+
+
 @contextmanager
 def replacing(path: Path) -> Iterator[Path]:
     """A temporary path beside `path`, which takes its place when all went well."""

@@ -208,6 +208,8 @@ def refine(likelihood: Likelihood, point: np.ndarray, evaluations: int) -> tuple
         length = len(likelihood.residuals(inside))
     except (SimulationError, ValueError):
         return inside, math.inf
+    if not len(inside):
+        return inside, cost(likelihood, inside)
     descent, cost_before = _Descent(likelihood, length), math.inf
     while True:
         found = least_squares(

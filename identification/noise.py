@@ -3,10 +3,17 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
+from scipy.special import comb
+from scipy.stats import chi2
 
 from identification.runs import Run
+
+#: Orders of the differences, how many are enough, the share that the next must leave at most to be taken instead; and
+#: the share of their spacing by which successive times may differ from it.
+_ORDERS, _FEWEST, _LESS, _UNEVEN = range(3, 9), 10, 0.9, 0.2
 
 
 def noise_of(run: Run) -> float:
@@ -14,16 +21,38 @@ def noise_of(run: Run) -> float:
     return estimated_noise(run) if run.noise is None else run.noise
 
 
+def gap_of_noise(runs: Sequence[Run], rows: Sequence[np.ndarray]) -> float:
+    """The RMS over the noise that noise alone passes once in a hundred times, in these rows (T,) of each run; 1 where
+    there is no reading."""
+    count = sum(int(np.sum(~np.isnan(run.readings[some]))) for run, some in zip(runs, rows, strict=True))
+    return math.sqrt(chi2.isf(0.01, count) / count) if count else 1.0
+
+
 def estimated_noise(run: Run) -> float:
-    """Standard deviation from third differences of successive readings, which take out any smooth motion.
+    """Standard deviation from differences of successive readings, which take out any smooth motion: third ones, and
+    higher ones as long as these leave less.
 
     The median makes it blind to impacts. Readings smoothed by their instrument look less noisy than they are.
     """
-    scatter = []
-    for column in run.readings.T:
-        third = np.diff(column[np.isfinite(column)], 3)
-        if len(third) >= 10:
-            scatter.append(np.median(np.abs(third)) / (0.6745 * math.sqrt(20.0)))
-    if not scatter or max(scatter) == 0.0:
+    scatter = [s for s in (_scatter(run.times, column) for column in run.readings.T) if s > 0.0]
+    if not scatter:
         raise ValueError(f"{run.file}: the noise cannot be estimated from so few or so coarse readings; state noise")
-    return float(np.mean([s for s in scatter if s > 0.0]))
+    return float(np.mean(scatter))
+
+
+def _scatter(times: np.ndarray, column: np.ndarray) -> float:
+    """That of one bob (T,); 0 where nothing can be said. A difference over a gap is not one of successive readings."""
+    seen = np.isfinite(column)
+    least, readings, spacing = 0.0, column[seen], np.diff(times[seen])
+    apart = np.abs(spacing - np.median(spacing)) > _UNEVEN * np.median(spacing) if len(spacing) else spacing
+    for order in _ORDERS:
+        if len(apart) < order + _FEWEST:
+            break
+        differences = np.diff(readings, order)[np.convolve(apart, np.ones(order), "valid") < 0.5]
+        if len(differences) < _FEWEST:
+            break
+        found = float(np.median(np.abs(differences))) / (0.6745 * math.sqrt(comb(2 * order, order)))
+        if least > 0.0 and not 0.0 < found < _LESS * least:
+            break
+        least = found
+    return least

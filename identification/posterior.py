@@ -17,13 +17,15 @@ from cradle_env.cradle import Cradle, Release
 from cradle_env.simulation import simulate_batch
 from cradle_env.synchronization import WINDOW, window_of
 from identification.experiment import Experiment
+from identification.fit import training_rows
 from identification.likelihood import STEP_FACTOR, Likelihood, lifted_further
+from identification.noise import gap_of_noise
 from identification.unknowns import SEARCH, Unknown
 
 FORMAT = "cradle-posterior/1"
 # Draws over which λ is simulated where it did not come with the likelihood.
 _LAMBDA_DRAWS = 400
-#: A gap beyond this says that the model does not describe the data.
+#: A gap beyond this says that the model does not describe the data, where noise alone hardly passes it.
 MISFIT_GAP = 1.15
 
 
@@ -31,8 +33,8 @@ MISFIT_GAP = 1.15
 class Gap:
     """RMS residual over the noise: 1 is the floor. Both from a fit to the training part alone.
 
-    train, held_out: over all runs; nan where there are no such readings. rms: in the unit of the file's quantity
-    (rad or m), by "train" or "held_out", all bobs and each: shape (1 + N,).
+    train, held_out: over all runs; nan where there are no such readings. rms: in the unit of the first run's
+    quantity (rad or m), by "train" or "held_out", all bobs and each: shape (1 + N,).
     """
 
     train: float
@@ -100,6 +102,12 @@ class Posterior:
         """What was inferred, in the order of the chain's last axis."""
         return self.likelihood.unknowns
 
+    @property
+    def describes_data(self) -> bool:
+        """Whether neither gap is beyond MISFIT_GAP, and beyond what the noise of so few readings passes."""
+        parts = zip((self.gap.train, self.gap.held_out), training_rows(self.experiment), strict=True)
+        return not any(gap > max(MISFIT_GAP, gap_of_noise(self.experiment.runs, rows)) for gap, rows in parts)
+
     def samples(self, name: str) -> np.ndarray:
         """All samples of one unknown in its unit, flat; ValueError for an unknown name."""
         names = self.likelihood.names
@@ -123,11 +131,10 @@ class Posterior:
         run = self.experiment.runs[0]
         if run.release is not None:
             return run.release.release
-        readings = run.readings if run.quantity == "theta" else run.readings / self.experiment.cradle.length
         early = run.fitted & (run.times <= run.fit_from + 1.1 * self.experiment.cradle.period)
-        peaks = np.nan_to_num(np.nanmax(np.abs(readings[early]), axis=0))
+        peaks = np.nan_to_num(np.abs(run.angles(self.experiment.cradle)[early])).max(axis=0)
         bob = self.experiment.cradle.bobs if peaks[-1] >= peaks[0] else 1
-        return Release(angles={bob: float(peaks[bob - 1]) * (1.0 if bob > 1 else -1.0)})
+        return Release(angles={bob: float(peaks.max()) * (1.0 if bob > 1 else -1.0)})
 
     def newton_exponent(self) -> np.ndarray:
         """Samples of λ [1/s] of the first run's δ and release over 1 to 60 s, simulated; empty for one bob."""
@@ -213,7 +220,7 @@ class Posterior:
             },
             "lambda": {"unit": "1/s", **statistics(rates), "window_s": list(WINDOW)} if len(rates) else None,
             "gap": {"train": self.gap.train, "held_out": self.gap.held_out},
-            "model_describes_data": bool(max(self.gap.train, np.nan_to_num(self.gap.held_out)) <= MISFIT_GAP),
+            "model_describes_data": self.describes_data,
         }
 
     def save(self, path: str | Path) -> Path:

@@ -149,6 +149,10 @@ class Run:
         end = math.inf if self.fit_to is None else self.fit_to
         return (self.times > end) & ~np.isnan(self.readings).all(axis=1)
 
+    def angles(self, cradle: Cradle) -> np.ndarray:
+        """The readings as angles [rad], (T, N): as far as the strings reach."""
+        return self.readings if self.quantity == "theta" else np.arcsin(np.clip(self.readings / cradle.length, -1, 1))
+
     @property
     def bobs_seen(self) -> tuple[int, ...]:
         """Numbers of the bobs with at least one reading."""

@@ -205,7 +205,7 @@ def run_unknowns(experiment: Experiment, index: int, noise: float) -> list[Unkno
 
 def first_motion(cradle: Cradle, run: Run) -> tuple[np.ndarray, np.ndarray]:
     """(theta, theta_dot) at fit_from, each (N,): straight lines through the first readings of each bob."""
-    along = run.readings if run.quantity == "theta" else np.arcsin(np.clip(run.readings / cradle.length, -1.0, 1.0))
+    along = run.angles(cradle)
     theta, theta_dot = np.zeros(cradle.bobs), np.zeros(cradle.bobs)
     step = 0.03 * cradle.period
     for i in range(cradle.bobs):

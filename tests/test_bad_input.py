@@ -91,6 +91,14 @@ def test_displacements_in_another_unit_than_declared(tmp_path):
         check_readings(relabelled(path, "m", "mm"))
 
 
+def test_what_is_not_used_is_not_judged(tmp_path, good):
+    """Before fit_from a hand may hold the bob anywhere."""
+    messy = dataclasses.replace(good, readings=good.readings.copy())
+    messy.readings[3] = 1.4
+    path = write_experiment(tmp_path, [messy], stated=STATED, run={"fit_from": 0.2})
+    assert check_readings(Experiment.load(path)) == ()
+
+
 def test_degrees_declared_as_radians_without_a_release(tmp_path):
     small = filmed(angle=0.05, duration=6.0)
     path = write_experiment(tmp_path, [small], unit="deg", run={"noise": None, "release": None, "state": "free"})

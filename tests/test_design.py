@@ -169,14 +169,26 @@ def test_a_diagnosis_is_taken_over(plain, tmp_path, capsys):
     (kept / "diagnosis.json").write_text(json.dumps(found | {"inputs": digest}), encoding="utf-8")
     certain, sets = _asked(Experiment.load(plain), (), kept)
     assert certain == ("quadratic_drag",) and sets == (("added_mass",), ("clock_scale",))
+    with pytest.raises(ValueError, match="alone"):  # the same twice
+        _asked(Experiment.load(plain), ("added_mass+clock_scale", "clock_scale+added_mass+added_mass"), None)
     for folder, text, words in (
-        (kept, json.dumps(found | {"inputs": digest}), "name another folder"),
+        (kept, json.dumps(found | {"inputs": digest}), "would be lost"),
         (out, json.dumps(found | {"inputs": "other"}), "of another experiment"),
         (out, "[]", "not a diagnosis"),
     ):
         (kept / "diagnosis.json").write_text(text, encoding="utf-8")
         assert main(["design", str(plain), "--out", str(folder), "--diagnosis", str(kept)]) == 2
         assert words in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("command", "left"), [("calibrate", "diagnosis.json"), ("diagnose", "posterior.nc"), ("design", "posterior.nc")]
+)
+def test_no_command_replaces_the_report_of_another(plain, tmp_path, capsys, command, left):
+    (tmp_path / left).write_text("", encoding="utf-8")
+    assert main([command, str(plain), "--out", str(tmp_path)]) == 2
+    assert "which would be lost; choose another --out" in capsys.readouterr().err
+    assert [file.name for file in tmp_path.iterdir()] == [left]
 
 
 def test_diagnose_is_a_function_whatever_was_imported_before(tmp_path):

@@ -220,6 +220,21 @@ def test_fits_by_other_code_are_not_used(plain, tmp_path, monkeypatch):
     assert not Store.of(tmp_path, experiment, 0).points
 
 
+def test_a_run_held_out_as_a_whole_has_no_part_in_replicates(plain):
+    """Of several runs without fit_to the last is held out; with its noise unknown too."""
+    known = with_known_noise(Experiment.load(plain))
+    two = dataclasses.replace(known, runs=(known.runs[0], known.runs[0]))
+    fitted = Searcher(Store(None, ""), 0, None).nearby(two, {})
+    assert not fitted.likelihood.rows[1].any()
+    assert np.isfinite(fitted.replicates(2, np.random.default_rng(0), (True, True))).all()
+
+
+def test_one_bob_lacks_nothing_between_neighbours():
+    names = {c.name for c in candidates(Cradle(bobs=1))}
+    assert not names & {"group_drag", "bob_attraction", "spacer_offset", "contact_duration"}
+    assert {"quadratic_drag", "frame_compliance"} <= names
+
+
 def test_what_looks_the_same_as_any_of_the_best_is_refitted():
     """Else, with one bob, a clock that is off is named as the added mass that happened to be tried."""
 

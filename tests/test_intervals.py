@@ -70,6 +70,16 @@ def test_where_the_posterior_is_normal_a_profile_says_what_laplace_does(tmp_path
         np.testing.assert_allclose(by_profile[name].ci95, by_laplace[name].ci95, atol=0.02 * width)
 
 
+def test_of_one_unknown_alone_nothing_is_left_to_refit(tmp_path):
+    cradle = SoftCradle(1, strings="rigid", b=0.002)
+    recording = record(cradle, {1: 0.2}, duration=20.0, seed=3)
+    path = write_experiment(tmp_path, [recording], stated={"b": 0.0021}, base="pendulum", release={"angle_sd": 0.0})
+    fitted = Searcher(Store(None, ""), 0, None).nearby(with_known_noise(Experiment.load(path)), {})
+    assert fitted.likelihood.names == ["b"]
+    low, high = intervals(fitted)["b"].ci95
+    assert low < fitted.values["b"] < high < 1.1 * low
+
+
 @pytest.mark.slow
 def test_a_profile_holds_a_drag_that_group_drag_can_replace(tmp_path):
     """04-group_drag of the study, 2 bobs: drag and drag near neighbours make up for each other along a bent ridge, and

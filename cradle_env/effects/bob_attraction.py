@@ -21,6 +21,7 @@ bob_attraction = Effect(
     reference="magnetized bearings; capillary bridges",
     energy="holds −force · range · exp(−gap/range) for each pair",
     looks_like="bobs stick after gentle impacts and swing on together; early synchronization",
+    between=True,
     parameters=(
         Parameter("force", "F_a", "N", "attraction at touch", absent=0.0, low=0.0, high=10.0, scale=0.01),
         Parameter("range", "ρ_a", "m", "over which it falls", absent=math.nan, low=1e-4, high=0.05, scale=0.003),

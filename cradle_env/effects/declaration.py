@@ -72,9 +72,10 @@ class Effect:
 
     apply(cradle, bobs, values) writes the effect into the records that the kernels read; force(t, r, theta, v_r,
     v_theta, parameters) -> (F_r, F_theta) [N] is that of an effect from outside the package, compiled on first
-    use; gaps(values) is what the effect adds to δ of each gap. Measurement effects: `instants(values)` gives the
-    offsets [s] and weights over which a reading averages, `clock(values)` the rate of the file's clock over the true
-    one, `reading(values, theta)` what the file shows for a true theta [rad].
+    use; between: whether it is nothing without a neighbour; gaps(values) is what the effect adds to δ of each gap.
+    Measurement effects: `instants(values)` gives the offsets [s] and weights over which a reading averages,
+    `clock(values)` the rate of the file's clock over the true one, `reading(values, theta)` what the file shows for a
+    true theta [rad].
     """
 
     name: str
@@ -87,6 +88,7 @@ class Effect:
     looks_like: str
     parameters: tuple[Parameter, ...] = ()
     requires: tuple[str, ...] = ()
+    between: bool = False
     apply: Callable[[np.ndarray, np.ndarray, Values], None] | None = None
     force: Callable[..., tuple[float, float]] | None = None
     gaps: Callable[[Values], np.ndarray] | None = None

@@ -21,6 +21,7 @@ group_drag = Effect(
     reference="Lee & Hong, Fig. 2d",
     energy="takes b slope exp(−gap/range) v² for each neighbour",
     looks_like="faster decay once the bobs swing together than while one swings alone",
+    between=True,
     parameters=(
         Parameter("slope", "s_b", "1", "growth by a neighbour at touch", absent=0.0, low=0.0, high=20.0, scale=0.3),
         Parameter("range", "ρ_b", "m", "over which it falls", absent=math.nan, low=1e-4, high=0.1, scale=0.005),

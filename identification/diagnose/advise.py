@@ -91,10 +91,15 @@ class Advice:
         pairs = "; ".join(" and ".join(" with ".join(names) for names in pair) for pair in self.inseparable)
         members = dict.fromkeys(name for pair in self.inseparable for names in pair for name in names)
         ways = [DIRECTLY[name] for name in members if name in DIRECTLY]
+        measure = f": measure mass, length or clock directly ({', or '.join(ways)})." if ways else "."
+        if self.best >= CLOSE:
+            return (
+                f"Whether an experiment of this kind separates {pairs} is open (the best would give a log Bayes factor"
+                f" of {self.best:.2g}, within its scatter){measure}"
+            )
         return (
             f"No experiment of this kind separates {pairs} (the best would give a log Bayes factor of"
-            f" {self.best:.2g}): measure mass, length or clock directly"
-            + (f" ({', or '.join(ways)})." if ways else ".")
+            f" {self.best:.2g}){measure}"
         )
 
     def content(self) -> dict[str, Any]:

@@ -61,7 +61,11 @@ def candidates(cradle: Cradle) -> list[Candidate]:
 
 
 def _matters_alone(declared: Effect) -> bool:
-    return declared.acts_on != "contact" and all(p.count(1) > p.balanced for p in declared.parameters)
+    return (
+        declared.acts_on != "contact"
+        and not declared.between
+        and all(p.count(1) > p.balanced for p in declared.parameters)
+    )
 
 
 def _chain(declared: Effect) -> list[str]:

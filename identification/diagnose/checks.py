@@ -6,6 +6,7 @@ Told: a bob, or all of them, unseen for a while; angles so small that their unit
 
 from __future__ import annotations
 
+import dataclasses
 import math
 
 import numpy as np
@@ -46,13 +47,12 @@ def check_readings(experiment: Experiment) -> tuple[str, ...]:
 
 
 def _angles(run: Run, cradle: Cradle) -> np.ndarray:
-    """Angles (T, N) [rad] from where each bob rests, as far as the readings tell."""
-    seen = run.readings
+    """Angles (T, N) [rad] from where each bob rests, as far as the readings tell; nan where they are not used."""
+    seen = np.where((run.fitted | run.held_out)[:, None], run.readings, np.nan)
     if run.rest == "free":
         known = np.flatnonzero(~np.isnan(seen).all(axis=0))
-        seen = seen.copy()
         seen[:, known] -= np.nanmedian(seen[:, known], axis=0)
-    return seen if run.quantity == "theta" else np.arcsin(np.clip(seen / cradle.length, -1.0, 1.0))
+    return dataclasses.replace(run, readings=seen).angles(cradle)
 
 
 def _check_unit(run: Run, cradle: Cradle) -> None:

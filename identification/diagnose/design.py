@@ -136,11 +136,11 @@ def design(
         raise ValueError(
             "no experiment can be advised: "
             + (
-                "none of the planned ones can be simulated"
+                "none of the planned ones can be simulated, or followed for long enough, with all of the models"
                 if sets
-                else "λ is not defined for one bob, or without a release"
+                else "λ is not defined for one bob, or without a release, or no planned run can be followed for long"
+                " enough; name models to tell apart by --between"
             )
-            + "; name models to tell apart by --between"
         )
     return Design(experiment, models, certain, sets, advice, seed)
 
@@ -150,7 +150,7 @@ def _asked(
 ) -> tuple[Names, tuple[Names, ...]]:
     """(effects that are certain, sets in question)."""
     certain: Names = ()
-    sets = tuple(dict.fromkeys(tuple(text.split("+")) for text in between))
+    sets = tuple(dict.fromkeys(tuple(sorted({*text.split("+")})) for text in between))
     if diagnosis is not None:
         path = Path(diagnosis) / "diagnosis.json"
         try:

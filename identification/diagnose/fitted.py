@@ -142,6 +142,8 @@ class Fitted:
         noise = rng.standard_normal((len(self.residuals), count))
         for k in np.flatnonzero(estimated):
             run, rows = self.experiment.runs[k], self.likelihood.rows[k]
+            if not rows.any():  # held out as a whole
+                continue
             here = np.flatnonzero(self.readings.run == k)
             seen = ~np.isnan(run.readings[rows])
             for column in range(count):

@@ -12,9 +12,10 @@ from identification.diagnose.fitted import Fitted
 from identification.diagnose.planned import Instrument, Planned, Setting
 from identification.fit import Progress
 
-#: The grid: release angles [rad], δ, durations [s]; a first look is taken at one angle.
+#: The grid: release angles [rad], δ, durations [s]; a first look is taken at one angle, the first at which any run can
+#: be followed.
 _ANGLES, _DELTAS, _DURATIONS = (0.05, 0.1, 0.2, 0.4, 0.8, 1.2), (-0.002, 0.0, 0.002, 0.01), (15.0, 30.0, 60.0)
-_FIRST_LOOK = 0.2
+_FIRST_LOOK = (0.2, 0.1, 0.05, 0.4)
 #: How many numbers of bobs, hung and lifted, are looked at closely.
 _SHAPES = 2
 #: A run is not made longer for less than this share of what it tells, nor where it tells more than enough.
@@ -55,7 +56,10 @@ def searched(
                 continue
 
     shapes = [(n, k) for n in range(1, most + 1) for k in range(1, max(n, 2))]
-    look([Setting(n, k, _FIRST_LOOK, _delta(now, n, most)) for n, k in shapes], "grid")
+    for angle in _FIRST_LOOK:
+        look([Setting(n, k, angle, _delta(now, n, most)) for n, k in shapes], "grid")
+        if found:
+            break
     best = list(dict.fromkeys((s.bobs, s.lifted) for s in ordered(found)))[:_SHAPES]
     grid = []
     for n, k in best:

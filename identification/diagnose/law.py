@@ -14,11 +14,10 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import chi2
 
 from cradle_env.simulation import SimulationError, in_threads
 from identification.diagnose.cut import windowed
-from identification.diagnose.decide import ALPHA, CLOSE, colour, coloured, log_evidence
+from identification.diagnose.decide import CLOSE, colour, coloured, log_evidence
 from identification.diagnose.fitted import Fitted
 from identification.diagnose.in_time import with_time
 from identification.diagnose.inner import EQUAL, fitted_within, inner
@@ -26,6 +25,7 @@ from identification.diagnose.search import Searcher, fit_key, only_noise, placed
 from identification.diagnose.terms import Linear, Scales, Term, extended, library
 from identification.experiment import Experiment
 from identification.fit import Progress, cost, refine, training_rows
+from identification.noise import gap_of_noise
 from identification.rough import ROUNDS, polish
 
 #: Terms at most; shares of their coefficients at which refits may start, and evaluations of these.
@@ -78,7 +78,8 @@ def learn(fitted: Fitted, searcher: Searcher, tell: Progress, rival: Fitted | No
         several = choices(linear)
         swinging = tuple(i for i in several[0] if linear.term(i).in_time) if several else ()
         if swinging:
-            most = min(most, _largest_of_noise(part))
+            # Near the frequency of the swing a force in time bends to whatever swings with the bobs, for a while.
+            most = min(most, gap_of_noise(part.runs, training_rows(part)[1]))
             laws += [(_first(none, searcher, part, at, linear, some, most), at) for some in ([swinging], several)]
     found = _best([(law, at) for law, at in laws if law is not None])
     if found is None:
@@ -101,14 +102,6 @@ def _free_views(law: Law, scales: Scales) -> list[Linear]:
     """What the free run of a law shows of further terms: of those common to all bobs alone, and of all."""
     linear = Linear.of(law.fitted, scales, law.terms)
     return [linear] if law.fitted.cradle.bobs == 1 else [linear.alike(), linear]
-
-
-def _largest_of_noise(experiment: Experiment) -> float:
-    """The gap on what is held out that noise alone passes once in a hundred times. A force in time is learned only if
-    it leaves no more: near the frequency of the swing it bends to whatever swings with the bobs, for a while."""
-    held = training_rows(experiment)[1]
-    count = sum(int(np.sum(~np.isnan(run.readings[k]))) for run, k in zip(experiment.runs, held, strict=True))
-    return math.sqrt(chi2.isf(ALPHA, count) / count)
 
 
 def _best(laws: list[tuple[Law, Scales]]) -> tuple[Law, Scales] | None:
