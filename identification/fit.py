@@ -24,6 +24,8 @@ _LADDER = (-0.06, -0.045, -0.03, -0.02, -0.01, 0.01, 0.02, 0.03, 0.045, 0.06)
 _IMPOSSIBLE = 1e4
 #: Gain in χ², over what a reading leaves, at which least squares ends.
 _GAIN = 1e-3
+#: The number of bobs from which on their impacts have an order that may flip, so that readings jump.
+SEVERAL = 3
 #: A step that changes the residuals otherwise than foretold by less than this part of the change leaves derivatives
 #: good enough to be corrected by it alone.
 _FORETOLD = 0.3
@@ -231,8 +233,8 @@ def refine(likelihood: Likelihood, point: np.ndarray, evaluations: int) -> tuple
 
 class _Descent:
     """Residuals and their derivatives at the points of a descent. Derivatives are taken by differences, a simulation
-    for each unknown, only where the last step did not do about what they foretold; else that step corrects them
-    (Broyden 1965). fresh: whether the last are by differences."""
+    for each unknown, only where readings may jump or the last step did not do about what they foretold; else that step
+    corrects them (Broyden 1965). fresh: whether the last are by differences."""
 
     def __init__(self, likelihood: Likelihood, length: int):
         self.likelihood, self.length, self.fresh = likelihood, length, True
@@ -257,7 +259,7 @@ class _Descent:
 
     def _corrected(self, point: np.ndarray, value: np.ndarray) -> np.ndarray | None:
         """The last derivatives, corrected in the direction of the step since; None where that went astray."""
-        if self._at is None:
+        if self._at is None or self.likelihood.experiment.cradle.bobs >= SEVERAL:
             return None
         last, before, J = self._at
         step, change = point - last, value - before

@@ -13,7 +13,7 @@ import math
 import numpy as np
 
 from cradle_env.simulation import SimulationError, in_threads
-from identification.fit import Mode, bounds, mode_at, steps
+from identification.fit import SEVERAL, Mode, bounds, mode_at, steps
 from identification.likelihood import Jumps, Likelihood
 from identification.rough import among_modes, broad_jacobian, descents, nearest, polish
 
@@ -41,7 +41,7 @@ def learned(likelihood: Likelihood, mode: Mode) -> tuple[Likelihood, Mode]:
 
     Noise and jumps together have the covariance σ² I + g² Σ dᵢ dᵢᵀ/K, of K jumps dᵢ, g = `_GENEROUS`.
     """
-    if likelihood.experiment.cradle.bobs < 3:
+    if likelihood.experiment.cradle.bobs < SEVERAL:
         return likelihood, mode
     point = among_modes(likelihood, polish(likelihood, mode.point))
     J = broad_jacobian(likelihood, point, likelihood.residuals(point))

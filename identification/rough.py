@@ -14,11 +14,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from cradle_env.simulation import in_threads
-from identification.fit import best_rungs, bounds, cost, refine, safe_residuals, steps, unit
+from identification.fit import SEVERAL, best_rungs, bounds, cost, refine, safe_residuals, steps, unit
 from identification.likelihood import Likelihood
 
-#: The number of bobs from which on their impacts have an order that may flip.
-SEVERAL = 3
 #: How far apart, in noises over all readings (or in what a reading leaves, where that is more), the ends of a
 #: difference in one unknown are at least; attempts at such a step, the first in steps of a smooth misfit; half the
 #: difference in directions that are known independently of each other, in standard deviations.

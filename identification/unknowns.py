@@ -79,7 +79,7 @@ class Unknown:
 
 
 def model_unknowns(experiment: Experiment, parameters: Sequence[str] | None = None) -> list[Unknown]:
-    """Unknowns of the cradle: k_f, kappa, b as far as they matter, effect parameters, and those with a prior.
+    """Unknowns of the cradle: k_f, kappa, b and those with a prior, as far as they matter, and effect parameters.
 
     parameters: which of the first three to infer; ValueError for one that is not theirs, or cannot matter.
     """
@@ -90,7 +90,7 @@ def model_unknowns(experiment: Experiment, parameters: Sequence[str] | None = No
         if not matters(cradle, name):
             raise ValueError(f"{name} cannot matter in this model and is not inferred; leave it out")
     names = [name for name in (SEARCH if parameters is None else parameters) if matters(cradle, name)]
-    names += [name for name in experiment.infer if "." not in name and name not in names]
+    names += [name for name in experiment.infer if "." not in name and name not in names and matters(cradle, name)]
     unknowns = [_field_unknown(cradle, name, experiment.infer.get(name)) for name in names]
     chosen = [*experiment.unknown_effect_parameters]
     chosen += [name for name in experiment.infer if "." in name and name not in chosen]
@@ -106,7 +106,9 @@ def matters(cradle: Cradle, name: str) -> bool:
         return cradle.has("radial_elasticity")
     if name == "k_f":
         return cradle.bobs > 1 and cradle.power_law is None and cradle.has("velocity_dependent_restitution")
-    return True
+    if name == "restitution":
+        return cradle.bobs > 1 and not cradle.has("velocity_dependent_restitution")
+    return cradle.bobs > 1 or name not in ("delta", "youngs_modulus", "poisson_ratio")
 
 
 def _field_unknown(cradle: Cradle, name: str, prior: Prior | None) -> Unknown:

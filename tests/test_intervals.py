@@ -27,7 +27,7 @@ class Bent:
     """A likelihood of a normal x about 1, and of y within WIDTH of x²; y ends at `high`."""
 
     def __init__(self, high: float):
-        self.workers = 1
+        self.workers, self.experiment = 1, SimpleNamespace(cradle=SimpleNamespace(bobs=1))
         self.unknowns = tuple(Unknown(name, "", name, 1.0, low=-100.0, high=high, search=1.0) for name in "xy")
 
     def residuals(self, point):

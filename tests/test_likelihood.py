@@ -1,5 +1,6 @@
 """The likelihood: what it predicts, what it counts, and where it says impossible."""
 
+import dataclasses
 import math
 
 import numpy as np
@@ -14,7 +15,7 @@ from identification.experiment import Experiment
 from identification.fit import find_mode
 from identification.likelihood import Jumps, Likelihood, lifted_further
 from identification.posterior import Posterior
-from identification.runs import ReleaseInfo, Run
+from identification.runs import Prior, ReleaseInfo, Run
 from tests.independent.soft_contact import SoftCradle, simulate_soft
 
 TRUE = {"k_f": 21000.0, "kappa": 180.0, "b": 0.003}
@@ -122,6 +123,10 @@ def test_what_cannot_matter_is_left_out():
     run = Run(np.arange(50) / 10, readings, release=ReleaseInfo(Release(angle=0.1)), noise=1e-3)
     assert Likelihood(Experiment(Cradle(bobs=1, model="pendulum"), (run,))).names == ["b"]
     assert Likelihood(Experiment(Cradle(bobs=1), (run,))).names == ["kappa", "b"]
+    priors = {"kappa": Prior(190.0, 19.0), "restitution": Prior(0.9, 0.1), "delta": Prior(0.0, 1e-3)}
+    assert Likelihood(Experiment(Cradle(bobs=1, model="pendulum"), (run,), priors)).names == ["b"]
+    two = dataclasses.replace(run, readings=np.hstack([readings, readings]))
+    assert Likelihood(Experiment(Cradle(bobs=2), (two,), priors)).names == ["k_f", "kappa", "b", "delta"]
     with pytest.raises(ValueError, match="cannot matter"):
         Likelihood(Experiment(Cradle(bobs=1, model="pendulum"), (run,)), parameters=("kappa",))
     with pytest.raises(ValueError, match="did you mean 'kappa'"):

@@ -10,9 +10,8 @@ from scipy.stats import norm, truncnorm
 
 from identification.diagnose.decide import coloured
 from identification.diagnose.fitted import Fitted
-from identification.fit import bounds, refine
+from identification.fit import SEVERAL, bounds, refine
 from identification.likelihood import Likelihood
-from identification.rough import SEVERAL
 
 #: Normal quantile of the ends of an interval.
 _END = float(norm.ppf(0.975))
