@@ -71,12 +71,12 @@ def test_nothing_is_said_of_data_that_the_model_does_not_describe(tmp_path):
     assert diagnosis.verdict == "unknown" and diagnosis.unseen == () and diagnosis.content()["unseen"] == []
 
 
-def test_of_what_they_do_not_see_data_say_nothing(tmp_path):
-    """One bob alone: no neighbour can attract it or change its drag; what bends its readings has a limit."""
+def test_what_bends_the_readings_of_one_bob_has_a_limit(tmp_path):
+    """No neighbour can attract it or change its drag: nothing is said of that."""
     cradle = SoftCradle(1, stiffness_factor=1e6, kappa=190.0, b=B)
     recording = record(cradle, {1: 0.3}, duration=24.0, seed=3, noise=1e-3)
     experiment = with_known_noise(Experiment.load(write_experiment(tmp_path, [recording])))
     found = examine(Searcher(Store(None, ""), 0, None).globally(experiment), 0, (False,))
     limits = {one.effect: one.limit for one in unseen(found.fitted, found.scored.scores)}
-    assert limits["group_drag"] is None and limits["bob_attraction"] is None
+    assert not limits.keys() & {"group_drag", "bob_attraction"}
     assert all(0.0 < abs(limits[name]) < math.inf for name in ("quadratic_drag", "pivot_friction", "exposure_blur"))
