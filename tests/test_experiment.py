@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from cradle_env.cradle import Cradle, Release
 from identification.experiment import Experiment, ExperimentError, Prior, ReleaseInfo
 from identification.files import write_together
-from identification.noise import estimated_noise
+from identification.noise import estimated_noise, gap_of_noise
 from identification.runs import Run
 from identification.scaffold import scaffold
 
@@ -128,6 +128,14 @@ def test_the_noise_is_told_from_the_swing(rate, missing, sigma):
     readings[rng.random(len(times)) < missing] = np.nan
     # The median of 500 independent differences scatters by 4 %; a higher order is taken only if a tenth lower.
     assert estimated_noise(Run(times, readings[:, None], state="free")) == pytest.approx(sigma, rel=0.2)
+
+
+def test_noise_alone_passes_its_gap_once_in_a_hundred_times():
+    run = Run(np.arange(60) / 60, np.where(np.arange(60) < 50, 0.1, np.nan)[:, None], state="free")
+    noise = np.random.default_rng(3).standard_normal((40_000, 50))
+    limit = gap_of_noise((run,), [np.ones(60, bool)])  # missing readings do not count
+    # A share of 0.01 scatters by 0.0005 in so many draws.
+    assert np.mean(np.sqrt(np.mean(noise**2, axis=1)) > limit) == pytest.approx(0.01, abs=0.002)
 
 
 def test_readings_of_two_tables_have_their_own_spacing():
