@@ -48,7 +48,8 @@ def _read_csv(name: str, lines: list[str], bobs: int | None, data: bytes) -> Rec
         if kind != "t":
             readings[:, bob - 1] = numbers[:, i] * scale
             names[bob - 1] = labels[i]
-    return Recording(name, times, readings, quantity, unit, scale, tuple(names), rows, False, data)
+    lines_of = np.broadcast_to(rows[:, None], readings.shape)
+    return Recording(name, times, readings, quantity, unit, scale, tuple(names), lines_of, False, data)
 
 
 def _column(at: str, label: str, bobs: int | None) -> tuple[str, int, float, str]:

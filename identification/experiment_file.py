@@ -12,11 +12,10 @@ import numpy as np
 
 from cradle_env.cradle import Cradle, Release
 from cradle_env.effects import MODELS, effect
-from cradle_env.errors import check_range
 from identification.csv_data import read_recording
 from identification.files import ExperimentError
 from identification.recording import Recording
-from identification.runs import Prior, ReleaseInfo, Run, check_prior, checked_run
+from identification.runs import Prior, ReleaseInfo, Run, check_prior, checked_noise, checked_run
 from identification.toml_file import Table, toml_key, toml_text
 
 FILE_NAME = "experiment.toml"
@@ -134,7 +133,7 @@ def _read_run(table: Table, file: str, recording: Recording, cradle: Cradle) -> 
         values["delta"] = table.number_or_numbers("delta")
     if "noise" in table:
         with table.entry("noise"):
-            noise = check_range("noise", table.number("noise"), recording.unit, 0.0, above=True)
+            noise = checked_noise(table.number("noise"), recording.unit, recording.scale)
             values["noise"] = noise * recording.scale
     for key, choices in (("state", ("release", "free")), ("rest", ("known", "free"))):
         if key in table:
@@ -151,6 +150,7 @@ def _read_run(table: Table, file: str, recording: Recording, cradle: Cradle) -> 
             file=file,
             unit=recording.unit,
             scale=recording.scale,
+            lines=recording.lines,
             **values,
         )
         return checked_run(cradle, run)
@@ -200,7 +200,7 @@ def _check_magnitudes(recording: Recording, cradle: Cradle, length: Prior | None
     if recording.unit != likely and in_file * scale <= limit:
         remedy = f"it looks like {likely}: write {label.split()[0].partition('[')[0]} [{likely}] in the header"
     raise ExperimentError(
-        f"{recording.name}, line {recording.lines[row]}, column {label}:"
+        f"{recording.name}, line {recording.lines[row, bob]}, column {label}:"
         f" {in_file:g} {recording.unit} is beyond {known}; {remedy}"
     )
 

@@ -24,8 +24,8 @@ class Recording:
 
     times (T,) [s], ascending; readings (T, N) [rad] or [m], nan where missing; quantity "theta" or "x"; unit of the
     readings in the file and scale, its SI value; labels (N,) of the columns as written, "" for a bob without one;
-    lines (T,), where each row stands in the file; absolute: x is counted from one common origin, not from each
-    bob's rest position; data: the file as it is.
+    lines (T, N), where each reading stands in the file, 0 for none; absolute: x is counted from one common origin, not
+    from each bob's rest position; data: the file as it is.
     """
 
     name: str

@@ -13,6 +13,9 @@ from cradle_env.effects import CATALOGUE
 from cradle_env.errors import check_range, unknown_key
 from identification.recording import UNITS
 
+#: Noise [rad or m] below which the errors of a simulation, some 1e-7 over 10 s, would count as misfit.
+_LEAST_NOISE = 1e-7
+
 
 @dataclass(frozen=True)
 class Prior:
@@ -42,6 +45,12 @@ class Prior:
         return self.low + inset, self.high - inset
 
 
+def checked_noise(noise: float, unit: str, scale: float = 1.0) -> float:
+    """1 sigma of a reading [unit], of which one is `scale` rad or m; ValueError for less than simulations resolve."""
+    remedy = "state the scatter of a single reading, or leave noise out to have it inferred"
+    return check_range("noise", noise, unit, _LEAST_NOISE / scale, remedy=remedy)
+
+
 @dataclass(frozen=True)
 class ReleaseInfo:
     """How a run was released, and how well that is known: angle_sd [rad] and time_sd [s], 1 sigma, 0 for exactly."""
@@ -64,7 +73,8 @@ class Run:
     per gap, that of the cradle where omitted; noise: 1 sigma [rad or m], to be inferred where omitted; fit_from,
     fit_to [s]: data before are not used, later ones held out; the whole where omitted. state: "release" (starts
     from rest as stated) or "free" (initial state inferred at fit_from); rest: "known", or "free" (an offset of each
-    bob is inferred). unit, scale: that of the readings in the file and its SI value.
+    bob is inferred). unit, scale: that of the readings in the file and its SI value; lines: (T, N), where each
+    reading stands in the file, if there is one, 0 for none.
     """
 
     times: np.ndarray
@@ -80,6 +90,7 @@ class Run:
     file: str = "run1.csv"
     unit: str = "rad"
     scale: float = 1.0
+    lines: np.ndarray | None = None
 
     def __post_init__(self) -> None:
         for name, choices in (
@@ -97,8 +108,7 @@ class Run:
                 ' add release = { bobs = 1, angle = ... }, or write state = "free"'
             )
         if self.noise is not None:
-            noise = check_range("noise", self.noise, "rad" if self.quantity == "theta" else "m", 0.0, above=True)
-            object.__setattr__(self, "noise", noise)
+            object.__setattr__(self, "noise", checked_noise(self.noise, "rad" if self.quantity == "theta" else "m"))
         self._check_window()
 
     def _check_arrays(self) -> None:
@@ -148,6 +158,12 @@ class Run:
         """Which rows lie beyond fit_to, (T,) of bool; none where it is not stated."""
         end = math.inf if self.fit_to is None else self.fit_to
         return (self.times > end) & ~np.isnan(self.readings).all(axis=1)
+
+    def place(self, row: int, bob: int) -> str:
+        """Where a bob's reading in a row stands in the file, or another bob's where it has none."""
+        if self.lines is None:
+            return f"row {row + 1}"
+        return f"line {self.lines[row, bob] or self.lines[row].max()}"
 
     def angles(self, cradle: Cradle) -> np.ndarray:
         """The readings as angles [rad], (T, N): as far as the strings reach."""

@@ -58,10 +58,10 @@ def read_tracker(name: str, lines: list[str], bobs: int | None, data: bytes) -> 
             )
     times = np.unique(np.concatenate([t for _, _, t, _, _ in tracks]))
     readings = np.full((len(times), bobs or max(numbers)), np.nan)
-    lines_of, labels = np.zeros(len(times), dtype=int), [""] * readings.shape[1]
+    lines_of, labels = np.zeros(readings.shape, dtype=int), [""] * readings.shape[1]
     for (mass, _, t, x, rows), bob in zip(tracks, numbers, strict=True):
         i = np.searchsorted(times, t)
-        readings[i, bob - 1], lines_of[i], labels[bob - 1] = x, rows, f"x of {mass}"
+        readings[i, bob - 1], lines_of[i, bob - 1], labels[bob - 1] = x, rows, f"x of {mass}"
     return Recording(name, times, readings, "x", unit, UNITS["x"][unit], tuple(labels), lines_of, True, data)
 
 

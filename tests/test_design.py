@@ -117,6 +117,7 @@ def test_exact_symmetries_are_told(heavy, small_grid, tmp_path, capsys):
     assert not (tmp_path / "experiment.toml").exists()
 
 
+@pytest.mark.slow
 def test_the_recommended_run_tells_what_was_expected(dragged, small_grid, tmp_path):
     """The run is made by the reference, quadratic drag being true: ± 4 sd of a log Bayes factor, √(2 E), and a factor
     of two for what one set of old data happens to favour."""

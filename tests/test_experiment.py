@@ -197,7 +197,8 @@ REFUSED = {
     "release key": (edit("angle =", "angel ="), CSV, ["line 10", "'angel'", "'angle'"]),
     "start": (edit("0.228 }", '0.228, start = "up" }'), CSV, ["line 10", "unstretched"]),
     "angle_sd": (edit("0.228 }", "0.228, angle_sd = -1 }"), CSV, ["line 10", "angle_sd is -1 rad", "at least 0"]),
-    "noise": (edit("0.001", "0"), CSV, ["line 11", "noise is 0 rad", "greater than 0"]),
+    "noise": (edit("0.001", "0"), CSV, ["line 11", "noise is 0 rad", "at least 1e-07", "inferred"]),
+    "noise of nothing": (edit("0.001", "1e-30"), CSV, ["line 11", "noise is 1e-30 rad", "leave noise out"]),
     "state": (TOML + 'state = "fre"', CSV, ["line 12", "fre", '"free"']),
     "fit_to": (TOML + "fit_from = 1\nfit_to = 1", CSV, ["line 13", "fit_to is 1 s", "1 s"]),
     "fit_from before release": (TOML + "fit_from = -1", CSV, ["line 12", "fit_from is -1 s", "t = 0", "free"]),
@@ -235,6 +236,8 @@ REFUSED = {
     "degrees": (TOML, edit("0.228", "13.1", CSV), ["line 2", "theta_3 [rad]", "13.1", "theta_3 [deg]"]),
     "millimetres": (TOML, "t,x_2\n0,1\n1,30\n", ["line 3", "x_2", "30 m", "x_2 [mm]"]),
     "beyond reach": (TOML, "t,x_2 [mm]\n0,1\n1,3000\n", ["line 3", "3000 mm", "0.3 m", "length"]),
+    "tracker beyond reach": (TOML, "ball 1\nt\tx\n0\t0.1\n1\t3\n2\t0.1\nball 2\nt\tx\n0\t0.1\n1\t0.1\n",
+                             ["line 4", "x of ball 1", "2.9 m"]),
     "tracker mass": (TOML, "ball 9\nt\tx\ty\n0\t0.1\t0\n", ["run1.csv", "ball 9", "bob 9 of 3"]),
     "tracker cell": (TOML, "ball 1\nt\tx\ty\n0\tO\t0\n", ["run1.csv, line 3", "column x", "'O'"]),
 }  # fmt: skip

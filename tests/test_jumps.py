@@ -96,6 +96,7 @@ def test_jumps_widen_what_is_known(jumpiest):
     assert np.all(off < 3.5 * deviations) and deviations[found.likelihood.names.index("kappa")] < 1e-3
 
 
+@pytest.mark.slow
 def test_jumps_once_known_leave_a_density_that_can_be_sampled(jumpiest):
     """Over its own posterior the log density then departs from a normal one by a few (1.8 to 3.9 of five draws), where
     without it departs by a hundred (95 to 320), so that no walker leaves the luckiest point; and the truth lies within

@@ -89,6 +89,7 @@ def test_words_terms_and_picture(law):
     assert labels and all("[" in label for label in labels)
 
 
+@pytest.mark.slow
 def test_a_law_outdoes_an_effect_that_bends_towards_the_truth_and_not_the_true_one(tmp_path):
     """Quadratic drag where it is hidden: a law, whose library holds the like, is no better. Named where the hidden
     friction is none of its kind, it gives way."""

@@ -37,23 +37,27 @@ def likelihood(tmp_path_factory):
     return Searcher(Store(None, ""), 0, None).likelihood(experiment)
 
 
-def test_polish_follows_a_ridge_over_jumps(likelihood):
+@pytest.fixture(scope="module")
+def polished(likelihood):
+    return polish(likelihood, placed(likelihood, ASTRAY))
+
+
+def test_polish_follows_a_ridge_over_jumps(likelihood, polished):
     truth, astray = (cost(likelihood, placed(likelihood, values)) for values in (TRUE, ASTRAY))
     narrow = refine(likelihood, placed(likelihood, ASTRAY), 40)[1]
-    reached = cost(likelihood, polish(likelihood, placed(likelihood, ASTRAY)))
+    reached = cost(likelihood, polished)
     # Five unknowns gain 5 ± 3 beside the truth, and the jumps are worth a few: within 10 of the truth is the mode.
     assert reached < truth + 10.0
     # What makes the function necessary: steps by narrow derivatives stay where they are.
     assert narrow > truth + 20.0, (narrow, astray)
 
 
-def test_the_truth_lies_within_the_errors(likelihood):
+def test_the_truth_lies_within_the_errors(likelihood, polished):
     point, truth = placed(likelihood, TRUE), placed(likelihood, TRUE)
     J = broad_jacobian(likelihood, point, likelihood.residuals(point))
     deviations = np.sqrt(np.diag(np.linalg.inv(J.T @ J)))
-    reached = polish(likelihood, placed(likelihood, ASTRAY))
     # Narrow derivatives put the truth twenty standard deviations away; 3.5 fails by chance once in 400.
-    assert np.all(np.abs(reached - truth) < 3.5 * deviations)
+    assert np.all(np.abs(polished - truth) < 3.5 * deviations)
     # Seeing k_f alone is easy: known to a few per cent at most; an error bar of nothing or of everything is wrong.
     assert np.all((deviations[:3] > 1e-4) & (deviations[:3] < 0.5))
 
@@ -78,6 +82,7 @@ def test_far_above_the_noise_its_size_is_of_no_matter(tmp_path):
     np.testing.assert_allclose(derivatives[0] / scale, derivatives[1] / scale, atol=1e-7)
 
 
+@pytest.mark.slow
 def test_the_mode_in_kappa_is_the_best_of_its_neighbours(tmp_path):
     """Five bobs, 1 mrad: κ has modes 0.1 % apart, each known to some 0.01 %. The first that a search ends in is 5 sd
     off here, jumps not counted; 3.5 fails by chance once in 2000."""

@@ -204,7 +204,7 @@ import signal, sys
 import numpy as np
 from cradle_env import Cradle, Release
 from identification.sweep import Grid, sweep
-grid = Grid({"beta": np.linspace(0.05, 0.33, 400)}, Cradle(bobs=2), Release(angle=0.228))
+grid = Grid({"beta": np.linspace(0.05, 0.33, 150)}, Cradle(bobs=2), Release(angle=0.228))
 signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell may have it ignored in the background
 sweep(grid, duration=60.0, out=sys.argv[1], workers=1)
 """
@@ -220,12 +220,12 @@ def test_what_a_kill_leaves_is_kept_and_the_rest_is_run(by, tmp_path, monkeypatc
     assert process.wait() == -by
     kept = np.load(rows)
     kept = kept[kept["status"] > 0]
-    assert 20 < len(kept) < 400
+    assert 20 < len(kept) < 150
     ran = []
     monkeypatch.setattr(sweep_engine, "simulate", lambda *run, **more: ran.append(run) or simulate(*run, **more))
-    grid = Grid({"beta": np.linspace(0.05, 0.33, 400)}, PAIR, RELEASE)
+    grid = Grid({"beta": np.linspace(0.05, 0.33, 150)}, PAIR, RELEASE)
     swept = sweep(grid, duration=60.0, out=tmp_path)
-    assert len(ran) == 400 - len(kept)
+    assert len(ran) == 150 - len(kept)
     assert set(kept["lambda"]) <= set(swept["lambda"])
     np.testing.assert_allclose(swept["lambda"], sweep(grid, duration=60.0)["lambda"], rtol=0.0, atol=ROUNDING)
 

@@ -58,13 +58,13 @@ def _angles(run: Run, cradle: Cradle) -> np.ndarray:
 def _check_unit(run: Run, cradle: Cradle) -> None:
     """Refuses angles that no bob reaches, or that are far from the stated release."""
     angles = np.abs(_angles(run, cradle))
-    row, bob = np.unravel_index(np.nanargmax(angles), angles.shape)
+    row, bob = map(int, np.unravel_index(np.nanargmax(angles), angles.shape))
     largest = float(angles[row, bob])
     limit, bobs = (0.5 * math.pi, "a bob on strings") if cradle.has("radial_elasticity") else (math.pi, "a pendulum")
     if run.quantity == "theta" and largest > limit:
         raise ValueError(
-            f"{run.file}, row {row + 1}, bob {bob + 1}: {_shown(largest, run)} is more than {bobs} swings to,"
-            f" {_shown(limit, run)}; {_remedy(run, largest, 0.0, limit)}"
+            f"{run.file}, {run.place(row, bob)}, bob {bob + 1}: {_shown(largest, run)} is more than {bobs} swings"
+            f" to, {_shown(limit, run)}; {_remedy(run, largest, 0.0, limit)}"
         )
     if run.release is None:
         return

@@ -222,18 +222,18 @@ def _settled(fitted: Fitted, slip: Slip) -> tuple[Slip, float]:
 
 def _told(slip: Slip, run: Run) -> str:
     """What is wrong and what to do, in one line."""
-    row, begin = slip.first + 1, run.times[slip.first]
+    begin = f"{run.file}, {run.place(slip.first, max(slip.bob, 0))}, t = {run.times[slip.first]:.6g} s"
     if slip.bob < 0:
         spacing = float(np.median(np.diff(run.times)))
         frames = round(slip.size / spacing)
         return (
-            f"{run.file}, row {row}, t = {begin:.6g} s: from here on all bobs are ahead by {1e3 * slip.size:.3g} ms,"
+            f"{begin}: from here on all bobs are ahead by {1e3 * slip.size:.3g} ms,"
             f" {frames} frame{'s' if frames > 1 else ''} of {1e3 * spacing:.3g} ms, as where a camera dropped"
             f" {'them' if frames > 1 else 'one'}; add that to the times from this row on, or set fit_to before it"
         )
-    where = f"{run.file}, row {row}, t = {begin:.6g} s, bob {slip.bob + 1}: the readings"
-    end = run.times[slip.last - 1]
-    lasting = "from here on" if slip.last == len(run.times) else f"up to row {slip.last}, t = {end:.6g} s,"
+    where = f"{begin}, bob {slip.bob + 1}: the readings"
+    end = f"{run.place(slip.last - 1, slip.bob)}, t = {run.times[slip.last - 1]:.6g} s"
+    lasting = "from here on" if slip.last == len(run.times) else f"up to {end},"
     if math.isnan(slip.size):
         return f"{where} {lasting} are where no motion leads, as of a tracker that lost the bob; leave them empty"
     size = f"{slip.size / run.scale:+.3g} {run.unit}"
