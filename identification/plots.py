@@ -67,13 +67,16 @@ def corner_figure(posterior: Posterior) -> Figure:
 
 def _tidy(axes: Axes, y_label: str, x_label: str, row: int, column: int) -> None:
     """Ticks and labels at the left and lower edge of a corner plot only."""
-    from matplotlib.ticker import MaxNLocator, ScalarFormatter
+    from matplotlib.ticker import FixedLocator, MaxNLocator, ScalarFormatter
 
     if column > row:
         axes.set_visible(False)
         return
     for axis, label, place in ((axes.xaxis, x_label, (0.5, -0.38)), (axes.yaxis, y_label, (-0.38, 0.5))):
-        axis.set_major_locator(MaxNLocator(3, prune="both"))
+        low, high = axis.get_view_interval()
+        edge = 0.1 * (high - low)  # a label there would run into the next panel, or out of the picture
+        ticks = MaxNLocator(4).tick_values(low, high)
+        axis.set_major_locator(FixedLocator(ticks[(ticks > low + edge) & (ticks < high - edge)]))
         axis.set_major_formatter(ScalarFormatter(useOffset=False))
         axis.set_label_text(label)
         axis.set_label_coords(*place)
