@@ -230,7 +230,6 @@ def design(
     from identification.diagnose.design_report import check_folder, save, sentence, shown
     from identification.diagnose.grid import described as described_run
 
-    check_report(out, "design")
     check_folder(out)
     experiment = Experiment.load(path)
     with Progress() as progress:

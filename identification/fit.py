@@ -209,13 +209,14 @@ def refine(
     low, high = bounds(likelihood)
     inside = np.clip(point, low, high)
     try:
-        length = len(likelihood.residuals(inside))
+        first = likelihood.residuals(inside)
     except (SimulationError, ValueError):
         return inside, math.inf
+    length, cost_before = len(first), math.inf
     if not len(inside):
         return inside, cost(likelihood, inside)
     correcting = roughly or likelihood.experiment.cradle.bobs < SEVERAL
-    descent, cost_before = _Descent(likelihood, length, correcting), math.inf
+    descent = _Descent(likelihood, inside, first, correcting)
     while True:
         found = least_squares(
             descent.residuals,
@@ -231,7 +232,7 @@ def refine(
         if evaluations <= 0 or descent.fresh or cost_before - found.cost < _GAIN / max(length, 1) * found.cost:
             return found.x, 2.0 * float(found.cost)
         cost_before = found.cost  # corrected derivatives may have ended it: once more, with new ones
-        descent = _Descent(likelihood, length, correcting)
+        descent = _Descent(likelihood, found.x, found.fun, correcting)
 
 
 class _Descent:
@@ -239,20 +240,21 @@ class _Descent:
     for each unknown; correcting: only where the last step did not do about what they foretold, else that step corrects
     them (Broyden 1965), which ends too early where readings jump. fresh: whether the last are by differences."""
 
-    def __init__(self, likelihood: Likelihood, length: int, correcting: bool):
-        self.likelihood, self.length, self.correcting, self.fresh = likelihood, length, correcting, True
+    def __init__(self, likelihood: Likelihood, start: np.ndarray, residuals: np.ndarray, correcting: bool):
+        self.likelihood, self.correcting, self.fresh = likelihood, correcting, True
         self.width = steps(likelihood)
-        self._seen = np.empty(0), np.empty(0)
+        self._seen = start.copy(), residuals
         self._at: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None
 
     def residuals(self, point: np.ndarray) -> np.ndarray:
-        """Those at a point, (R,)."""
-        self._seen = point.copy(), safe_residuals(self.likelihood, point, self.length)
+        """Those at a point, (R,); where they were asked for last, at once."""
+        if not np.array_equal(self._seen[0], point):
+            self._seen = point.copy(), safe_residuals(self.likelihood, point, len(self._seen[1]))
         return self._seen[1]
 
     def derivatives(self, point: np.ndarray) -> np.ndarray:
         """Those at a point, (R, D)."""
-        value = self._seen[1] if np.array_equal(self._seen[0], point) else self.residuals(point)
+        value = self.residuals(point)
         J = self._corrected(point, value)
         self.fresh = J is None
         if J is None:

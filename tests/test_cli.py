@@ -220,6 +220,15 @@ def test_sweep_tells_what_was_never_reached(tmp_path, capsys):
     assert (found["least"], found["largest"]) == (None, None)
 
 
+def test_sweep_tells_what_does_not_matter(tmp_path, capsys):
+    settings = ["--model", "pendulum", "--bobs", 2, "--duration", 3, "--out"]
+    assert run("sweep", "--over", "beta=0.1,0.2", "--over", "k_f=1e4,2e4", *settings, tmp_path / "rigid") == 0
+    told = capsys.readouterr().err
+    assert told.startswith("cradle: beta does not matter") and told.count("\n") == 1
+    assert run("sweep", "--over", "beta=0.1,0.2", *settings[2:], tmp_path / "elastic") == 0
+    assert "does not matter" not in capsys.readouterr().err
+
+
 def test_sweep_makes_a_page(tmp_path, capsys):
     settings = ["--over", "beta=0.1,0.2", "--bobs", 2, "--duration", 3]
     assert run("sweep", "--explore", *settings, "--out", tmp_path) == 0

@@ -20,7 +20,7 @@ from identification.diagnose.fitted import Fitted, with_known_noise
 from identification.diagnose.search import Searcher, Store
 from identification.experiment import Experiment
 from identification.experiment_file import infer_lines, model_lines
-from identification.files import ExperimentError, read_text
+from identification.files import ExperimentError, check_report, read_text
 from identification.fit import Progress
 from identification.toml_file import toml_text
 from identification.unknowns import FIELDS
@@ -121,8 +121,8 @@ def design(
     what cannot be planned.
     """
     tell = progress or (lambda *_: None)
-    if diagnosis is not None and out is not None and Path(diagnosis).resolve() == Path(out).resolve():
-        raise ValueError(f"{out}: the report of the diagnosis is there and would be lost; name another folder as --out")
+    if out is not None:
+        check_report(Path(out), "design")
     certain, sets = _asked(experiment, between, diagnosis)
     known = with_known_noise(experiment)
     check_readings(known)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,10 +23,13 @@ from identification.sweep.quantities import QUANTITIES
 from identification.sweep.store import FORMAT, Swept
 from identification.sweep.tables import check_table
 from identification.terminal import Progress, print_table
+from identification.unknowns import matters
 from identification.wording import number, unit_plain
 
 #: A slip of the pen rather than an axis.
 _MOST = 10_000_000
+#: What the paper's groups set, of that which a cradle may ignore.
+_SETS = {"beta": "kappa"}
 
 
 @dataclass(frozen=True)
@@ -78,6 +82,9 @@ def run(
     check_table(out / asked.table)
     axes = _axes(asked)
     grid = Grid(axes, cradle, release)
+    for name in _idle(grid):
+        told = f"model {cradle.model}, {cradle.bobs} bob{'s' if cradle.bobs > 1 else ''}"
+        print(f"cradle: {name} does not matter to this cradle ({told}); along it all runs are alike", file=sys.stderr)
     times = None if asked.times is None else numbers(f"--times {asked.times}", asked.times)
     if asked.explore:
         explore.check_size(grid, duration)
@@ -125,6 +132,13 @@ def _axes(asked: Asked) -> Mapping[str, np.ndarray]:
             raise ValueError(f"--over {name} is given twice; leave one out")
         axes[name] = values
     return axes
+
+
+def _idle(grid: Grid) -> list[str]:
+    """Names of what is swept though the cradle ignores it."""
+    if "bobs" in grid.names:
+        return []
+    return [name for name in grid.names if not matters(grid.cradle, _SETS.get(name, name.partition("[")[0]))]
 
 
 def _place(at: dict[str, float]) -> str:
