@@ -59,7 +59,7 @@ def find_mode(likelihood: Likelihood, seed: int = 0, progress: Progress | None =
     refined = []
     for k, i in enumerate(chosen):
         tell("search", (k + 1) / parts, "refining on the early data")
-        refined.append(refine(early, starts[i], 15, roughly=True))
+        refined.append(refine(early, starts[i], 15))
     finished = []
     for k, point in enumerate(_distinct(likelihood, refined)[:_FINISHED]):
         tell("search", (len(chosen) + k + 1) / parts, "refining on all data")
@@ -201,11 +201,9 @@ def jacobian(likelihood: Likelihood, point: np.ndarray, base: np.ndarray) -> np.
     return (np.array(columns) - base).T / width
 
 
-def refine(
-    likelihood: Likelihood, point: np.ndarray, evaluations: int, roughly: bool = False
-) -> tuple[np.ndarray, float]:  # fmt: skip
+def refine(likelihood: Likelihood, point: np.ndarray, evaluations: int) -> tuple[np.ndarray, float]:
     """(point, sum of squared residuals) that least squares reaches in at most so many evaluations; (start, inf) where
-    it cannot begin. roughly: on the way to a mode that is refined again, with fewer derivatives."""
+    it cannot begin."""
     low, high = bounds(likelihood)
     inside = np.clip(point, low, high)
     try:
@@ -215,8 +213,7 @@ def refine(
     length, cost_before = len(first), math.inf
     if not len(inside):
         return inside, cost(likelihood, inside)
-    correcting = roughly or likelihood.experiment.cradle.bobs < SEVERAL
-    descent = _Descent(likelihood, inside, first, correcting)
+    descent = _Descent(likelihood, inside, first)
     while True:
         found = least_squares(
             descent.residuals,
@@ -232,16 +229,16 @@ def refine(
         if evaluations <= 0 or descent.fresh or cost_before - found.cost < _GAIN / max(length, 1) * found.cost:
             return found.x, 2.0 * float(found.cost)
         cost_before = found.cost  # corrected derivatives may have ended it: once more, with new ones
-        descent = _Descent(likelihood, found.x, found.fun, correcting)
+        descent = _Descent(likelihood, found.x, found.fun)
 
 
 class _Descent:
     """Residuals and their derivatives at the points of a descent. Derivatives are taken by differences, a simulation
-    for each unknown; correcting: only where the last step did not do about what they foretold, else that step corrects
-    them (Broyden 1965), which ends too early where readings jump. fresh: whether the last are by differences."""
+    for each unknown, only where readings may jump or the last step did not do about what they foretold; else that step
+    corrects them (Broyden 1965). fresh: whether the last are by differences."""
 
-    def __init__(self, likelihood: Likelihood, start: np.ndarray, residuals: np.ndarray, correcting: bool):
-        self.likelihood, self.correcting, self.fresh = likelihood, correcting, True
+    def __init__(self, likelihood: Likelihood, start: np.ndarray, residuals: np.ndarray):
+        self.likelihood, self.fresh = likelihood, True
         self.width = steps(likelihood)
         self._seen = start.copy(), residuals
         self._at: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None
@@ -264,7 +261,7 @@ class _Descent:
 
     def _corrected(self, point: np.ndarray, value: np.ndarray) -> np.ndarray | None:
         """The last derivatives, corrected in the direction of the step since; None where that went astray."""
-        if self._at is None or not self.correcting:
+        if self._at is None or self.likelihood.experiment.cradle.bobs >= SEVERAL:
             return None
         last, before, J = self._at
         step, change = point - last, value - before

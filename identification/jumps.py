@@ -26,12 +26,15 @@ _DRAWN, _WIDENED, _LEARNED, _FURTHEST = 16, 3, 64, 1e3
 _GENEROUS, _STEPS, _SMALL = 10.0, 2, 1e-3
 
 
-def widened(likelihood: Likelihood, point: np.ndarray, J: np.ndarray, covariance: np.ndarray) -> np.ndarray:
-    """The covariance of a mode, (D, D), widened by what jumps do to a fit; where readings are smooth, the same."""
-    found = covariance
+def widened(
+    likelihood: Likelihood, point: np.ndarray, J: np.ndarray, covariance: np.ndarray, inflation: float = 1.0
+) -> np.ndarray:
+    """The covariance of a mode, (D, D), times that inflation, and widened by what jumps do to a fit; where readings are
+    smooth, by nothing."""
+    inflated = found = inflation * covariance
     for i in range(_WIDENED):
         moves = covariance @ J.T @ _unforeseen(likelihood, point, J, found, _DRAWN, i)
-        found = covariance + moves @ moves.T / max(moves.shape[1], 1)
+        found = inflated + moves @ moves.T / max(moves.shape[1], 1)
     return found
 
 
@@ -59,6 +62,16 @@ def learned(likelihood: Likelihood, mode: Mode) -> tuple[Likelihood, Mode]:
     return known, mode_at(known, point, known.whitened(J))
 
 
+def principal_axes(likelihood: Likelihood, covariance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Principal axes (D, D) of a covariance, in columns, a standard deviation long; and the part of each, (D,), that is
+    no longer than from where on jumps are as large as anywhere: along what is hardly known, that is a small one."""
+    scale = np.sqrt(np.diag(covariance))
+    squares, directions = np.linalg.eigh(covariance / np.outer(scale, scale))
+    axes = scale[:, None] * directions * np.sqrt(np.maximum(squares, 0.0))
+    reach = _FURTHEST * steps(likelihood)[:, None] / np.maximum(np.abs(axes), 1e-300)
+    return axes, np.minimum(1.0, reach.min(axis=0))
+
+
 def _of_run(scatter: np.ndarray) -> Jumps:
     """Directions and sizes of jumps that scatter so, (R, K) [rad or m]; all but the smallest."""
     directions, sizes, _ = np.linalg.svd(scatter, full_matrices=False)
@@ -71,13 +84,8 @@ def _unforeseen(
 ) -> np.ndarray:
     """What the derivatives do not foretell of the changes between points about a mode, (R, ≤ count): of pairs as far
     from it as the truth may lie, to both sides, so that what bends smoothly cancels. Impossible points show nothing."""
-    scale = np.sqrt(np.diag(covariance))
-    squares, directions = np.linalg.eigh(covariance / np.outer(scale, scale))
-    axes = scale[:, None] * directions * np.sqrt(np.maximum(squares, 0.0))
-    # Along what is hardly known, no further than where jumps are as large as anywhere.
-    reach = _FURTHEST * steps(likelihood)[:, None] / np.maximum(np.abs(axes), 1e-300)
-    axes *= np.minimum(1.0, reach.min(axis=0))
-    drawn = axes @ np.random.default_rng(seed).standard_normal((len(point), count))
+    axes, reach = principal_axes(likelihood, covariance)
+    drawn = (axes * reach) @ np.random.default_rng(seed).standard_normal((len(point), count))
 
     def change(step: np.ndarray) -> np.ndarray | None:
         above, below = (np.clip(point + side * step, *bounds(likelihood)) for side in (1.0, -1.0))

@@ -76,7 +76,7 @@ def _tidy(axes: Axes, y_label: str, x_label: str, row: int, column: int) -> None
         low, high = axis.get_view_interval()
         edge = 0.1 * (high - low)  # a label there would run into the next panel, or out of the picture
         ticks = MaxNLocator(4).tick_values(low, high)
-        axis.set_major_locator(FixedLocator(ticks[(ticks > low + edge) & (ticks < high - edge)]))
+        axis.set_major_locator(FixedLocator([tick for tick in ticks if low + edge < tick < high - edge]))
         axis.set_major_formatter(ScalarFormatter(useOffset=False))
         axis.set_label_text(label)
         axis.set_label_coords(*place)

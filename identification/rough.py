@@ -142,7 +142,7 @@ def climb(likelihood: Likelihood, point: np.ndarray) -> np.ndarray:
     so_far = float(np.sum(residuals**2))
     for _ in range(_CLIMBS):
         rungs = best_rungs(likelihood, point, (*_RUNGS, *(-rung for rung in _RUNGS)), _TRIED)
-        reached = [refine(likelihood, rung, _FIRST, roughly=True) for rung in rungs]
+        reached = [refine(likelihood, rung, _FIRST) for rung in rungs]
         best, least = min(reached, key=lambda pair: pair[1])
         best, least = refine(likelihood, best, _LAST)
         if least > so_far - unit(so_far, len(residuals)):

@@ -88,7 +88,7 @@ def test_chaos_is_not_followed(plain):
     (model,) = fitted(plain)
     instrument = Instrument.of(model)
     calm, wild = (
-        Planned(model, instrument.run(Setting(2, 1, angle, delta), 60.0), 1.0).followed
+        Planned(model, instrument.run(Setting(2, 1, angle, delta), 60.0)).followed
         for angle, delta in ((0.2, 0.0), (0.8, 0.01))
     )
     assert calm == math.inf and wild < 60.0
@@ -97,7 +97,7 @@ def test_chaos_is_not_followed(plain):
 def test_old_data_count_as_in_a_joint_fit(plain):
     """The prior of a planned run is the posterior of the old one: a tenth of its width, not of the stated bounds."""
     (model,) = fitted(plain)
-    planned = Planned(model, Instrument.of(model).run(Setting(2, 1, 0.2, 0.0), 8.0), 1.0)
+    planned = Planned(model, Instrument.of(model).run(Setting(2, 1, 0.2, 0.0), 8.0))
     k, old = planned.names.index("k_f"), model.likelihood.names.index("k_f")
     assert np.linalg.inv(planned.precision)[k, k] == pytest.approx(model.covariance[old, old], rel=1e-6)
     error = planned.names.index("release_angle_error@1")
@@ -133,7 +133,7 @@ def test_the_recommended_run_tells_what_was_expected(dragged, small_grid, tmp_pa
     run = Instrument.of(models[0]).run(setting, best["duration"])
     cradle = soft(setting.bobs, {"quadratic_drag": {"c2": 0.02}})
     seen = record(cradle, {setting.bobs: setting.angle}, duration=best["duration"], seed=9).readings
-    evidence = [Planned(model, run, 1.0).given(seen).log_evidence({}) for model in models]
+    evidence = [Planned(model, run).given(seen).log_evidence({}) for model in models]
     expected = best["simulated"]
     assert evidence[0] - evidence[1] > 3.0
     spread = 4.0 * math.sqrt(2.0 * expected)

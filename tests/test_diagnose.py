@@ -19,7 +19,7 @@ from identification.cli import main
 from identification.diagnose import course, repair
 from identification.diagnose.candidates import candidates, starts
 from identification.diagnose.course import Course, Step
-from identification.diagnose.decide import Decision, coloured, decide, refitted, worth_refitting
+from identification.diagnose.decide import Decision, decide, refitted, worth_refitting
 from identification.diagnose.diagnosis import VERDICTS, Interval, effect_parameters
 from identification.diagnose.fitted import Fitted, with_known_noise
 from identification.diagnose.foretold import allowed_gap
@@ -358,15 +358,15 @@ def test_estimated_noise_widens_the_replicates(plain):
 
 def test_correlated_residuals_count_for_less(plain):
     experiment = Experiment.load(plain)
-    fitted = Fitted(Likelihood(experiment), Likelihood(experiment).start())
     rng = np.random.default_rng(0)
     white = rng.standard_normal((len(experiment.runs[0].times), 2))
     walk = np.zeros_like(white)
     for i in range(1, len(white)):
         walk[i] = 0.9 * walk[i - 1] + np.sqrt(1 - 0.81) * white[i]
     for noise, expected in ((white, 1.0), (walk, 19.0)):
+        fitted = Fitted(Likelihood(experiment), Likelihood(experiment).start())
         vars(fitted)["residuals"] = noise.ravel()
-        inflation, effective = coloured(fitted)
+        inflation, effective = fitted.coloured
         assert inflation == pytest.approx(expected, rel=0.25)
         assert effective == pytest.approx(white.size / expected, rel=0.25)
 

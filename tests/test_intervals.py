@@ -38,8 +38,10 @@ class Bent:
 def end(side: float, high: float = 100.0) -> float:
     """Where the profile of y ends on one side of its mode."""
     covariance = np.array([[1.0, 2.0], [2.0, 4.0 + WIDTH**2]])
-    fitted = SimpleNamespace(likelihood=Bent(high), point=np.ones(2), chi2=0.0, covariance=covariance)
-    return module._profile_end(fitted, 1, side * math.sqrt(covariance[1, 1]), 1.0)  # type: ignore[arg-type]
+    fitted = SimpleNamespace(
+        likelihood=Bent(high), point=np.ones(2), chi2=0.0, covariance=covariance, coloured=(1.0, 2.0)
+    )
+    return module._profile_end(fitted, 1, side * math.sqrt(covariance[1, 1]))  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize(("side", "true"), [(-1.0, -WIDTH * math.sqrt(1.96**2 - 1.0)), (1.0, (1.0 + 1.96) ** 2)])

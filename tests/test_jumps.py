@@ -1,6 +1,7 @@
 """What jumps of the readings leave open: on residuals written down here, and on five bobs of the soft reference."""
 
 import dataclasses
+import math
 
 import numpy as np
 import pytest
@@ -94,6 +95,18 @@ def test_jumps_widen_what_is_known(jumpiest):
     # 3.5 sd fail by chance once in 500, of four unknowns; and κ is still known to a part in a thousand.
     deviations = np.sqrt(np.diag(found.covariance))
     assert np.all(off < 3.5 * deviations) and deviations[found.likelihood.names.index("kappa")] < 1e-3
+
+
+def test_what_else_a_model_leaves_makes_no_jump_larger(jumpiest):
+    """Points ten times further from the mode meet other jumps, which are larger, but not in proportion: they widen κ
+    four times as much, where they would ten times if they counted as noise does."""
+    found, _ = jumpiest
+    likelihood, J = found.likelihood, found.jacobian
+    smooth, place = mode_at(likelihood, found.point, J).covariance, likelihood.names.index("kappa")
+    near, far = (
+        math.sqrt((widened(likelihood, found.point, J, smooth, c) - c * smooth)[place, place]) for c in (1.0, 100.0)
+    )
+    assert far < 6.0 * near
 
 
 @pytest.mark.slow

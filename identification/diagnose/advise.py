@@ -18,7 +18,7 @@ import numpy as np
 
 from cradle_env.cradle import Release
 from cradle_env.simulation import SimulationError, simulate
-from identification.diagnose.decide import CLOSE, coloured
+from identification.diagnose.decide import CLOSE
 from identification.diagnose.fitted import Fitted
 from identification.diagnose.grid import described, ordered, searched
 from identification.diagnose.planned import Instrument, Planned, Setting, log_bayes
@@ -141,7 +141,7 @@ def advise(
         for k, setting in enumerate(chosen):
             duration = settings[setting][0]
             tell(f"simulate, {draws} each", k / len(chosen), described(setting, duration))
-            found = simulated_log_bayes(models, instrument.run(setting, duration), instrument.inflation, seed, draws)
+            found = simulated_log_bayes(models, instrument.run(setting, duration), seed, draws)
             if found is not None:
                 simulated[setting] = _of_pairs(*found, pairs)
 
@@ -182,7 +182,7 @@ def advise_on_lambda(fitted: Fitted, tell: Progress | None = None) -> Advice | N
     instrument = Instrument.of(fitted)
     names = [u.name for u in fitted.likelihood.unknowns if not u.nuisance]
     own = [fitted.likelihood.names.index(name) for name in names]
-    before = instrument.inflation * fitted.covariance[np.ix_(own, own)]
+    before = fitted.covariance[np.ix_(own, own)]
     g = np.array([gradient[name] for name in names])
 
     def gain(planned: list[Planned], duration: float) -> np.ndarray:
@@ -211,11 +211,11 @@ def _plan(setting: Setting, instrument: Instrument, duration: float, *told: floa
 
 
 def simulated_log_bayes(
-    models: Sequence[Fitted], run: Any, inflation: float, seed: int, draws: int
+    models: Sequence[Fitted], run: Any, seed: int, draws: int
 ) -> tuple[np.ndarray, np.ndarray] | None:
     """(mean, standard error) of the log Bayes factor of model i over model j in data that model i gives, (M, M) each,
     the latter nan for one draw; None where the run cannot be simulated."""
-    planned = [Planned(model, run, inflation) for model in models]
+    planned = [Planned(model, run) for model in models]
     found = np.zeros((draws, len(models), len(models)))
     try:
         for draw, true in itertools.product(range(draws), range(len(models))):
@@ -239,7 +239,7 @@ def _lambda_gradient(fitted: Fitted) -> dict[str, float] | None:
     """dλ/dx by the unknowns of the cradle, over one standard deviation to either side; None where λ is not defined."""
     likelihood = fitted.likelihood
     run = fitted.experiment.runs[0]
-    deviations = np.sqrt(coloured(fitted)[0] * np.diag(fitted.covariance))
+    deviations = np.sqrt(np.diag(fitted.covariance))
     if run.release is None or fitted.cradle.bobs == 1:
         return None
     release = run.release.release

@@ -16,7 +16,7 @@ import numpy as np
 
 from cradle_env.simulation import SimulationError
 from identification.diagnose.candidates import Candidate, is_strength, one_sided
-from identification.diagnose.fitted import Fitted, Readings
+from identification.diagnose.fitted import Fitted
 from identification.diagnose.inner import EQUAL, FAR, predictions
 from identification.diagnose.score import Scored, family_p, surprise_of
 from identification.diagnose.search import Searcher, only_noise
@@ -110,7 +110,7 @@ def _decision(
 ) -> Decision:
     """Judges fits of a model with a candidate more, by the noise that the best of them and of others leaves."""
     best = min([*fits.values(), *others], key=lambda fit: fit.chi2, default=fitted)
-    inflation, effective = coloured(best)
+    inflation, effective = best.coloured
     refits = []
     for candidate, fit in fits.items():
         try:
@@ -198,32 +198,6 @@ def judged(
 def log_evidence(gain: float, unknowns: int, inflation: float, effective: float) -> float:
     """½ (Δχ²/c − k ln n_eff), of a gain in χ² by k more unknowns."""
     return 0.5 * (gain / inflation - unknowns * math.log(effective))
-
-
-def coloured(fitted: Fitted) -> tuple[float, float]:
-    """(inflation c of Δχ², effective number of readings) from the residuals that a fit leaves."""
-    return colour(fitted.residuals[: fitted.count], fitted.readings)
-
-
-def colour(residuals: np.ndarray, at: Readings) -> tuple[float, float]:
-    """`coloured`, from residuals (R,) over the noise and where they belong."""
-    products, total = np.zeros(1), 0.0
-    for k in np.unique(at.run):
-        for bob in np.unique(at.bob[at.run == k]):
-            own = residuals[(at.run == k) & (at.bob == bob)]
-            lags = min(len(own) // 4, 200)
-            own_products = np.array([own[: len(own) - lag] @ own[lag:] for lag in range(lags + 1)])
-            size = max(len(products), len(own_products))
-            products = np.pad(products, (0, size - len(products))) + np.pad(own_products, (0, size - len(own_products)))
-            total += len(own)
-    variance = products[0] / total
-    correlation = products[1:] / products[0]
-    # Beyond the first lag that noise of this length would show by chance, there is nothing to count.
-    chance = 2.0 / math.sqrt(total)
-    below = np.flatnonzero(correlation < chance)
-    tau = 1.0 + 2.0 * float(np.sum(correlation[: below[0] if len(below) else None]))
-    noise = variance if variance > 1.0 + 4.0 * math.sqrt(2.0 / total) else 1.0
-    return max(1.0, noise * tau), max(total / tau, 10.0)
 
 
 def _probability(chosen: Refit | None, refits: Sequence[Refit]) -> float:

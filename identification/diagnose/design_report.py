@@ -140,7 +140,7 @@ def _seen(axes: Axes, design: Design) -> None:
     plan = design.advice.plans[0]
     instrument = Instrument.of(design.models[0])
     run = instrument.run(plan.setting, plan.duration)
-    planned = [Planned(model, run, instrument.inflation) for model in design.models[:2]]
+    planned = [Planned(model, run) for model in design.models[:2]]
     view = planned[0].view
     shape = (len(run.times), plan.bobs)
     if design.sets:

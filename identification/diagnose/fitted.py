@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -112,10 +113,16 @@ class Fitted:
         return vectors - self.absorbed @ (self.absorbed.T @ vectors)
 
     @functools.cached_property
+    def coloured(self) -> tuple[float, float]:
+        """(inflation c of Δχ², effective number of readings) by the residuals that are left; see `colour`."""
+        return colour(self.residuals[: self.count], self.readings)
+
+    @functools.cached_property
     def covariance(self) -> np.ndarray:
-        """Laplace covariance of the point, widened by jumps of the readings; (D, D)."""
+        """Laplace covariance of the point, inflated for residuals that are not white and widened by jumps of the
+        readings, which are no larger for what else a model leaves; (D, D)."""
         smooth = mode_at(self.likelihood, self.point, self.jacobian).covariance
-        return widened(self.likelihood, self.point, self.jacobian, smooth)
+        return widened(self.likelihood, self.point, self.jacobian, smooth, self.coloured[0])
 
     def gap(self, rows: list[np.ndarray]) -> float:
         """RMS over the noise of model less data in rows (T,) of each run; nan where there are none."""
@@ -163,3 +170,24 @@ def span(columns: np.ndarray) -> np.ndarray:
         return columns
     U, s, _ = np.linalg.svd(columns, full_matrices=False)
     return U[:, s > np.sqrt(_RANK) * s[0]]
+
+
+def colour(residuals: np.ndarray, at: Readings) -> tuple[float, float]:
+    """(inflation c of Δχ², effective number of readings) by residuals (R,) over the noise that belong there."""
+    products, total = np.zeros(1), 0.0
+    for k in np.unique(at.run):
+        for bob in np.unique(at.bob[at.run == k]):
+            own = residuals[(at.run == k) & (at.bob == bob)]
+            lags = min(len(own) // 4, 200)
+            own_products = np.array([own[: len(own) - lag] @ own[lag:] for lag in range(lags + 1)])
+            size = max(len(products), len(own_products))
+            products = np.pad(products, (0, size - len(products))) + np.pad(own_products, (0, size - len(own_products)))
+            total += len(own)
+    variance = products[0] / total
+    correlation = products[1:] / products[0]
+    # Beyond the first lag that noise of this length would show by chance, there is nothing to count.
+    chance = 2.0 / math.sqrt(total)
+    below = np.flatnonzero(correlation < chance)
+    tau = 1.0 + 2.0 * float(np.sum(correlation[: below[0] if len(below) else None]))
+    noise = variance if variance > 1.0 + 4.0 * math.sqrt(2.0 / total) else 1.0
+    return max(1.0, noise * tau), max(total / tau, 10.0)

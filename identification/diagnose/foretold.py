@@ -7,13 +7,17 @@ import math
 import numpy as np
 
 from cradle_env.simulation import SimulationError, in_threads
-from identification.diagnose.decide import ALPHA, coloured
+from identification.diagnose.decide import ALPHA
 from identification.diagnose.fitted import Fitted
 from identification.fit import bounds, training_rows
+from identification.jumps import principal_axes
 from identification.likelihood import Likelihood
 
 #: Points drawn of what the fit leaves open, and draws of noise for each.
 _POINTS, _NOISES = 64, 200
+#: χ² over the inflation that a standard deviation must cost the readings that were fitted, of which it costs 1 or more
+#: where these say all that is known.
+_SEEN = 0.5
 
 
 def allowed_gap(fitted: Fitted) -> float:
@@ -23,9 +27,12 @@ def allowed_gap(fitted: Fitted) -> float:
     R = held.parts()[-1].stop
     if R == 0:
         return math.nan
-    at_mode, inflation = held.residuals(fitted.point)[:R], coloured(fitted)[0]
+    at_mode, inflation = held.residuals(fitted.point)[:R], fitted.coloured[0]
     rng = np.random.default_rng(0)
-    drawn = rng.multivariate_normal(np.zeros(len(fitted.point)), inflation * fitted.covariance, _POINTS)
+    axes, reach = principal_axes(fitted.likelihood, fitted.covariance)
+    # What no reading sees is as open as its bounds, and far out no model of this experiment.
+    unseen = np.sum((fitted.jacobian @ axes) ** 2, axis=0) < _SEEN * inflation
+    drawn = rng.standard_normal((_POINTS, len(reach))) @ (axes * np.where(unseen, reach, 1.0)).T
 
     def departure(step: np.ndarray) -> float:
         """In χ²; where no run is possible, as the truth cannot be, nan."""

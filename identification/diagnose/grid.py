@@ -89,7 +89,7 @@ def _telling(
     """(duration, what the run tells): the shortest run that tells nearly as much as the longest that can be
     followed."""
     run = instrument.run(setting, _DURATIONS[-1])
-    planned = [Planned(model, run, instrument.inflation) for model in models]
+    planned = [Planned(model, run) for model in models]
     followed = min(model.followed for model in planned)
     values = [told(planned, duration) for duration in _DURATIONS if duration <= followed]
     if not values:

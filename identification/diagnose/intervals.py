@@ -8,7 +8,6 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import norm, truncnorm
 
-from identification.diagnose.decide import coloured
 from identification.diagnose.fitted import Fitted
 from identification.fit import SEVERAL, bounds, refine
 from identification.likelihood import Likelihood
@@ -33,8 +32,7 @@ def intervals(fitted: Fitted) -> dict[str, Interval]:
     """Medians and 95 % intervals by Laplace, inflated for residuals that are not white and cut at the bounds; of
     fewer than three bobs, over which the misfit is smooth, the intervals of what is of the model by profile: of
     unknowns that make up for each other the most probable values may lie on a bent ridge."""
-    inflation = coloured(fitted)[0]
-    deviations = np.sqrt(inflation * np.maximum(np.diag(fitted.covariance), 1e-300))
+    deviations = np.sqrt(np.maximum(np.diag(fitted.covariance), 1e-300))
     smooth = fitted.cradle.bobs < SEVERAL and not fitted.learned
     found = {}
     for i, (u, z, sd) in enumerate(zip(fitted.likelihood.unknowns, fitted.point, deviations, strict=True)):
@@ -44,20 +42,20 @@ def intervals(fitted: Fitted) -> dict[str, Interval]:
         )
         median, *ends = truncnorm.ppf((0.5, 0.025, 0.975), min(low, -1e-12), max(high, 1e-12), z, sd)
         if smooth and not u.nuisance:
-            ends = [_profile_end(fitted, i, sign * sd, inflation) for sign in (-1.0, 1.0)]
+            ends = [_profile_end(fitted, i, sign * sd) for sign in (-1.0, 1.0)]
             median = min(max(median, ends[0]), ends[1])
         found[u.name] = Interval(u.unit, float(u.value(median)), (float(u.value(ends[0])), float(u.value(ends[1]))))
     return found
 
 
-def _profile_end(fitted: Fitted, i: int, step: float, inflation: float) -> float:
+def _profile_end(fitted: Fitted, i: int, step: float) -> float:
     """The coordinate of unknown i, on the side to which `step` leads [its standard deviation], where χ² over the
     inflation, refitted in all others, has risen by that of the interval's end; its bound where it rises by less.
 
     Refits march along the ridge on which the others follow it, in longer and longer steps, each from where the last
     two point to.
     """
-    likelihood, least = fitted.likelihood, fitted.chi2
+    likelihood, least, inflation = fitted.likelihood, fitted.chi2, fitted.coloured[0]
     limit = float(bounds(likelihood)[0 if step < 0.0 else 1][i])
     ahead = fitted.covariance[i] / fitted.covariance[i, i] * step
     at, risen, stride, growth = (

@@ -17,8 +17,8 @@ import numpy as np
 
 from cradle_env.simulation import SimulationError, in_threads
 from identification.diagnose.cut import windowed
-from identification.diagnose.decide import CLOSE, colour, coloured, log_evidence
-from identification.diagnose.fitted import Fitted
+from identification.diagnose.decide import CLOSE, log_evidence
+from identification.diagnose.fitted import Fitted, colour
 from identification.diagnose.in_time import with_time
 from identification.diagnose.inner import EQUAL, fitted_within, inner
 from identification.diagnose.search import Searcher, fit_key, only_noise, placed
@@ -54,7 +54,7 @@ class Law:
     def log_evidence(self) -> float:
         """Over the model without it."""
         more = len(self.fitted.point) - len(self.before.point)
-        return log_evidence(self.before.chi2 - self.fitted.chi2, more, *coloured(self.fitted))
+        return log_evidence(self.before.chi2 - self.fitted.chi2, more, *self.fitted.coloured)
 
 
 def learn(fitted: Fitted, searcher: Searcher, tell: Progress, rival: Fitted | None = None) -> Law | None:
@@ -199,7 +199,7 @@ def advantage(law: Law, named: Fitted) -> float:
     of both counted, and the terms that the law was free to choose from. The library holds the like of some effects:
     a law that only copies an effect comes out near 0 or below."""
     rival = law.fitted
-    inflation, effective = coloured(min((named, rival), key=lambda one: one.chi2))
+    inflation, effective = min((named, rival), key=lambda one: one.chi2).coloured
     more = len(rival.point) - len(named.point)
     return log_evidence(named.chi2 - rival.chi2, more, inflation, effective) - _choice(rival, len(law.terms))
 
@@ -207,7 +207,7 @@ def advantage(law: Law, named: Fitted) -> float:
 def can_outdo(before: Fitted, named: Fitted) -> bool:
     """Whether a law on a model could have the `advantage` over effects that leave nothing but noise: by fewer unknowns
     than they have, for what more it explains by chance pays no more than the choice of its terms."""
-    inflation, effective = coloured(named)
+    inflation, effective = named.coloured
     spared = len(named.point) - len(before.point)
     several = range(1, _MOST + 1)
     return CLOSE <= max(log_evidence(0.0, k - spared, inflation, effective) - _choice(before, k) for k in several)

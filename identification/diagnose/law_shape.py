@@ -19,7 +19,6 @@ from cradle_env.effects.learned_pair import TERMS as OF_PAIR
 from cradle_env.effects.learned_pair import learned_pair
 from cradle_env.mechanics.parameters import PAIR_DECAYS
 from cradle_env.simulation import simulate
-from identification.diagnose.decide import coloured
 from identification.diagnose.fitted import Fitted
 from identification.diagnose.intervals import Interval
 from identification.diagnose.law import Law
@@ -55,7 +54,7 @@ class Shape:
     def __init__(self, law: Law, fitted: Fitted):
         self.law, self.fitted, self.cradle = law, fitted, fitted.cradle
         likelihood = fitted.likelihood
-        self.covariance = coloured(fitted)[0] * fitted.covariance
+        self.covariance = fitted.covariance
         self.places = {name: i for i, name in enumerate(likelihood.names)}
         run = fitted.experiment.runs[0]
         beginning, _ = likelihood.beginning(fitted.values, 0)

@@ -13,7 +13,6 @@ import numpy as np
 
 from cradle_env.cradle import Release
 from cradle_env.simulation import SimulationError
-from identification.diagnose.decide import coloured
 from identification.diagnose.fitted import Fitted
 from identification.diagnose.search import placed
 from identification.experiment import Experiment
@@ -72,7 +71,7 @@ class Instrument:
             float(fitted.likelihood.noise[0]),
             rate,
             *known,
-            coloured(fitted)[0],
+            fitted.coloured[0],
         )
 
     def run(self, setting: Setting, duration: float) -> Run:
@@ -99,24 +98,23 @@ class Planned(Likelihood):
     precision: C⁻¹ (D, D) of that prior in sampled coordinates; before: its mean (D,), the mode of the fit.
     """
 
-    def __init__(self, fitted: Fitted, run: Run, inflation: float):
+    def __init__(self, fitted: Fitted, run: Run):
         old = fitted.experiment
         cradle = fitted.cradle.replace(bobs=run.readings.shape[1], delta=run.delta)
         new = Experiment(cradle, (run,), old.infer, old.unknown_effect_parameters, digest="planned")
         super().__init__(new, None, fitted.likelihood.workers)
         own = {name: value for name, value in fitted.values.items() if "@" not in name}
         self.before = placed(self, {**self.values(self.start()), **own})
-        self.precision = self._precision(fitted, inflation)
+        self.precision = self._precision(fitted)
         self._root = np.linalg.cholesky(self.precision).T
 
-    def _precision(self, fitted: Fitted, inflation: float) -> np.ndarray:
+    def _precision(self, fitted: Fitted) -> np.ndarray:
         """Of the old posterior for what is shared, of its prior for what belongs to the run."""
         # Where no prior says so, rest positions and the like are as good as free.
         precision = np.diag([1e-9 if math.isnan(u.sd) else u.sd**-2 for u in self.unknowns])
         shared = [i for i, u in enumerate(self.unknowns) if not u.nuisance]
         theirs = [fitted.likelihood.names.index(self.names[i]) for i in shared]
-        covariance = inflation * fitted.covariance[np.ix_(theirs, theirs)]
-        precision[np.ix_(shared, shared)] = np.linalg.inv(covariance)
+        precision[np.ix_(shared, shared)] = np.linalg.inv(fitted.covariance[np.ix_(theirs, theirs)])
         return 0.5 * (precision + precision.T)
 
     def residuals(self, point: np.ndarray) -> np.ndarray:

@@ -11,7 +11,7 @@ from cradle_env.effects import effect
 from cradle_env.simulation import SimulationError
 from identification.diagnose.candidates import Candidate, is_strength, without_effect
 from identification.diagnose.course import Course, Examined, Step
-from identification.diagnose.decide import ALPHA, CLOSE, Decision, coloured, judged, log_evidence
+from identification.diagnose.decide import ALPHA, CLOSE, Decision, judged, log_evidence
 from identification.diagnose.fitted import Fitted
 from identification.diagnose.inner import predictions
 from identification.diagnose.law import Law, advantage, can_outdo, learn
@@ -129,7 +129,7 @@ def _without_the_needless(course: Course) -> tuple[Examined, list[Step], list[st
             fit = searcher.beside(searcher.nearby(model, last.fitted.values), last.fitted)
         except (SimulationError, ValueError):
             continue
-        inflation, effective = coloured(last.fitted)
+        inflation, effective = last.fitted.coloured
         fewer = len(last.fitted.point) - len(fit.point)
         if (fit.chi2 - last.fitted.chi2) / inflation < fewer * np.log(effective):
             last = course.examine(fit)
@@ -146,7 +146,7 @@ def _exchanges(
     last: Examined, steps: Sequence[Step], searcher: Searcher, tell: Progress
 ) -> tuple[tuple[str, ...], ...]:
     """Sets of effects that complete the other steps as well as those chosen, the chosen ones first."""
-    inflation, effective = coloured(last.fitted)
+    inflation, effective = last.fitted.coloured
     rivals: list[tuple[str, str]] = []
     for step in steps:
         others = _rivals(step)

@@ -208,8 +208,8 @@ def best_of(
         costs = np.array(in_threads(lambda z, some=some: cost(some, z), tried, likelihood.workers))
         for i in np.argsort(costs)[:_FOLLOWED]:
             if np.isfinite(costs[i]):
-                point = tried[i] if some is likelihood else refine(some, tried[i], _FIRST, roughly=True)[0]
-                reached.append(refine(likelihood, point, _FIRST, roughly=True))
+                point = tried[i] if some is likelihood else refine(some, tried[i], _FIRST)[0]
+                reached.append(refine(likelihood, point, _FIRST))
     if not reached:
         raise SimulationError("none of the starting values can be simulated")
     nearest = min(reached, key=lambda pair: pair[1])

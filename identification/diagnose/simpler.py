@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from cradle_env.simulation import SimulationError
 from identification.diagnose.candidates import without_effect
-from identification.diagnose.decide import coloured, log_evidence
+from identification.diagnose.decide import log_evidence
 from identification.diagnose.fitted import Fitted
 from identification.diagnose.inner import FAR
 from identification.diagnose.search import Searcher
@@ -30,7 +30,7 @@ def simpler(given: Fitted, searcher: Searcher, tell: Progress) -> Fitted:
         rigid = searcher.globally(model, tell)
     except SimulationError:  # no cradle at all
         return given
-    inflation, effective = coloured(min((given, rigid), key=lambda one: one.chi2))
+    inflation, effective = min((given, rigid), key=lambda one: one.chi2).coloured
     more = len(given.point) - len(rigid.point)
     evident = log_evidence(rigid.chi2 - given.chi2, more, inflation, effective) > 0.0
     return given if evident or min(given.training_gap(), rigid.training_gap()) < FAR else rigid

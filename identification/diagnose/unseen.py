@@ -17,7 +17,6 @@ from scipy.stats import truncnorm
 from cradle_env.effects import Parameter
 from cradle_env.simulation import SimulationError
 from identification.diagnose.candidates import Candidate, is_strength, strength
-from identification.diagnose.decide import coloured
 from identification.diagnose.fitted import Fitted
 from identification.diagnose.score import LEAST_SEEN, Score, Sensed, change
 
@@ -48,8 +47,7 @@ class Unseen:
 
 def unseen(fitted: Fitted, scores: Sequence[Score]) -> tuple[Unseen, ...]:
     """Of each absent effect with one strength, how much data may hide; what would move unknowns most comes first."""
-    inflation = coloured(fitted)[0]
-    deviations = np.sqrt(inflation * np.diag(fitted.covariance))
+    deviations = np.sqrt(np.diag(fitted.covariance))
     names = [name for name in ("k_f", "kappa", "b") if name in fitted.likelihood.names]
     places = [fitted.likelihood.names.index(name) for name in names]
     lengths = np.linalg.norm(fitted.jacobian, axis=0)
@@ -60,7 +58,7 @@ def unseen(fitted: Fitted, scores: Sequence[Score]) -> tuple[Unseen, ...]:
         single = [sensed for sensed in own.sensed if sensed.S.shape[1] == 1]
         if len(strengths) != 1 or not single:
             continue
-        limits = [_limit(fitted, own.candidate, sensed, strengths[0], inflation) for sensed in single]
+        limits = [_limit(fitted, own.candidate, sensed, strengths[0]) for sensed in single]
         if None in limits:
             found.append(Unseen(own.candidate.name, own.candidate.alike, strengths[0], None, {}))
             continue
@@ -80,7 +78,7 @@ def _farthest(one: Unseen) -> float:
 
 
 def _limit(
-    fitted: Fitted, candidate: Candidate, sensed: Sensed, parameter: Parameter, inflation: float
+    fitted: Fitted, candidate: Candidate, sensed: Sensed, parameter: Parameter
 ) -> tuple[float, np.ndarray] | None:
     """The strength [scales] that is as far from none as the data allow, and the change of the residuals there; None
     where the data do not see the effect, or not within its bounds."""
@@ -89,7 +87,7 @@ def _limit(
     else:
         low, high = sorted((bound - parameter.absent) / parameter.scale for bound in (parameter.low, parameter.high))
     tails = (_SURE,) if low == 0.0 else (0.5 * (1.0 - _SURE), 0.5 * (1.0 + _SURE))
-    S, limit = sensed.S[:, 0], math.nan
+    S, limit, inflation = sensed.S[:, 0], math.nan, fitted.coloured[0]
     for _ in range(_ROUNDS):  # what grows as a square, such as a blur, is followed by secants to where it ends
         left = fitted.project(S)
         size = float(left @ left)
