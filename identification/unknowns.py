@@ -31,6 +31,8 @@ FIELDS = {
     "gravity": ("m/s^2", "g"),
     "restitution": ("1", "e"),
 }
+#: Between what values of them there is a cradle, where that is not from 0 on.
+_BOUNDS = {"delta": (-1.0, math.inf), "poisson_ratio": (-1.0, 0.5), "restitution": (0.0, 1.0)}
 #: Without a prior, a positive unknown is uniform in its logarithm, this factor either way of its starting value.
 _FACTOR = {"k_f": 1000.0, "kappa": 10.0, "b": 100.0}
 #: Width of the global search in the logarithm: stated values are good to some tens of percent, b to a factor.
@@ -115,7 +117,8 @@ def _field_unknown(cradle: Cradle, name: str, prior: Prior | None) -> Unknown:
     unit, symbol = FIELDS[name]
     start = float(np.mean(cradle.delta)) if name == "delta" else float(getattr(cradle, name))
     if prior is not None:
-        return _with_prior(Unknown(name, unit, symbol, start), prior)
+        low, high = _BOUNDS.get(name, (0.0, math.inf))
+        return _with_prior(Unknown(name, unit, symbol, start, low, high), prior)
     factor = _FACTOR[name]
     start = max(start, 1e-6)
     return Unknown(

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import cradle_env  # noqa: F401  registers the environments
-from cradle_env import Cradle, effects
+from cradle_env import Cradle, Release, effects, simulate
 from cradle_env.effects import effect
 from cradle_env.effects.elements import with_value
 from cradle_env.model_files import read_model
@@ -30,6 +30,7 @@ from identification.diagnose.report import save, sentence
 from identification.diagnose.score import family_p, score
 from identification.diagnose.search import Searcher, Store, finished
 from identification.likelihood import Likelihood
+from identification.runs import ReleaseInfo, Run
 from tests.independent.laboratory import record, write_experiment
 from tests.independent.soft_contact import SoftCradle
 
@@ -354,6 +355,38 @@ def test_estimated_noise_widens_the_replicates(plain):
     known, estimated = (fitted.replicates(60, np.random.default_rng(0), (flag,)) for flag in (False, True))
     spread = [np.std(np.sum(r**2, axis=0)) for r in (known, estimated)]
     assert spread[1] > 1.3 * spread[0]
+
+
+def test_a_bob_that_stays_at_rest_is_nothing_that_is_missing():
+    """Of three rigid pendulums lifted on both sides alike, the middle one has no amplitude that could be off."""
+    cradle, release = Cradle(bobs=3, model="pendulum"), Release(angles={3: 0.2, 1: -0.2})
+    motion = simulate(cradle, release, 8.0, 60.0)
+    assert np.abs(motion.theta[:, 1]).max() == 0.0
+    seen = motion.theta + 1e-3 * np.random.default_rng(0).standard_normal(motion.theta.shape)
+    run = Run(motion.t, seen, release=ReleaseInfo(release, angle_sd=1e-3), delta=0.0, noise=1e-3)
+    likelihood = Likelihood(Experiment(cradle, (run,)), None, 1)
+    examined = course.examine(Fitted(likelihood, likelihood.start()), 0, (False,))
+    assert np.isfinite(examined.located.replicas).all()
+    assert examined.p > 0.01  # of these data 0.3; with places that are no numbers 0.0025, the least there is
+
+
+def test_what_another_effect_requires_is_tried_for_removal_after_that(monkeypatch):
+    """Nothing of either is needed: both go."""
+    names = ("radial_elasticity", "string_creep")
+
+    def fit(names):
+        return SimpleNamespace(
+            names=names, chi2=1000.0, point=[0.0] * len(names), values={}, experiment=names, coloured=(1.0, 1000.0)
+        )
+
+    monkeypatch.setattr(repair, "without_effect", lambda model, name: tuple(n for n in model if n != name))
+    searcher = SimpleNamespace(nearby=lambda model, _: fit(model), beside=lambda fitted, _: fitted)
+    going = SimpleNamespace(
+        examined=[SimpleNamespace(fitted=fit(names))], steps=[SimpleNamespace(effect=name) for name in names],
+        searcher=searcher, examine=lambda fitted: SimpleNamespace(fitted=fitted),
+    )  # fmt: skip
+    last, kept, removed = repair._without_the_needless(going)  # type: ignore[arg-type]
+    assert last.fitted.names == () and kept == [] and removed == [*reversed(names)]
 
 
 def test_correlated_residuals_count_for_less(plain):

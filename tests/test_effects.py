@@ -382,6 +382,8 @@ def test_refused_from_outside() -> None:
         dataclasses.replace(outside("wind", wind), acts_on="sky")
     with pytest.raises(ValueError, match="at most 32"):
         outside("too_much", wind, *(f"c{i}" for i in range(33)))
+    with pytest.raises(ValueError, match="c: absent at its upper bound, 0; state it with the other sign"):
+        Parameter("c", "c", "1", "of no use to a search", absent=0.0, low=-1.0, high=0.0, scale=0.1)
     keys = [f"c{i}" for i in range(17)]
     register(outside("wind", wind, *keys))
     register(outside("cubic_drag", cubic_drag, *keys))

@@ -14,21 +14,24 @@ from cradle_env.model_files import read_model
 from identification import Experiment, diagnose
 from identification.diagnose import law as law_module
 from identification.diagnose.candidates import candidates
-from identification.diagnose.cut import windowed
+from identification.diagnose.cut import can_be_cut, windowed
 from identification.diagnose.decide import CLOSE
-from identification.diagnose.fitted import with_known_noise
+from identification.diagnose.fitted import Fitted, with_known_noise
 from identification.diagnose.in_time import with_time
 from identification.diagnose.inner import inner, predictions
 from identification.diagnose.intervals import intervals
-from identification.diagnose.law import advantage, learn, scales_of
+from identification.diagnose.law import Law, advantage, learn, scales_of
 from identification.diagnose.law_shape import Shape, terms_of
 from identification.diagnose.pictures import law_figure
 from identification.diagnose.report import save
-from identification.diagnose.search import Searcher, Store, only_noise
-from identification.diagnose.terms import FREQUENCY, Linear, Term, library
+from identification.diagnose.search import Searcher, Store, only_noise, placed
+from identification.diagnose.terms import FREQUENCY, Linear, Term, extended, library
 from identification.fit import jacobian
+from identification.likelihood import Likelihood
+from identification.runs import Prior
 from tests.independent.laboratory import record, write_experiment
 from tests.independent.soft_contact import SoftCradle
+from tests.synthetic import simulated_run
 
 DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
 QUIET = lambda *_: None  # noqa: E731
@@ -210,8 +213,52 @@ def test_runs_at_several_times_share_no_force_in_time(tmp_path):
     cradle = SoftCradle(1, stiffness_factor=1e6, kappa=190.0, k_f=18000.0, b=0.002)
     recordings = [record(cradle, {1: angle}, duration=8.0, seed=3, noise=3e-4) for angle in (0.3, 0.2, 0.1)]
     experiment = with_known_noise(Experiment.load(write_experiment(tmp_path, recordings)))
-    base = Searcher(Store(None, ""), 0, None).nearby(experiment, {})
-    assert with_time(Linear.of(windowed(base), scales_of(base)), scales_of(base), ()) is None
+    alike = dataclasses.replace(experiment, runs=tuple(dataclasses.replace(r, file="a.csv") for r in experiment.runs))
+    for runs in (experiment, alike):  # whatever their files are called
+        base = Searcher(Store(None, ""), 0, None).nearby(runs, {})
+        assert with_time(Linear.of(windowed(base), scales_of(base)), scales_of(base), ()) is None
+
+
+def test_a_single_window_shows_no_force_in_time(tmp_path):
+    """Of 6.6 s, 4.4 are fitted."""
+    cradle = SoftCradle(1, stiffness_factor=1e6, kappa=190.0, k_f=18000.0, b=0.002)
+    path = write_experiment(tmp_path, [record(cradle, {1: 0.3}, duration=6.6, seed=3, noise=3e-4)])
+    base = Searcher(Store(None, ""), 0, None).nearby(with_known_noise(Experiment.load(path)), {})
+    cut = windowed(base)
+    assert len(cut.experiment.runs) == 1
+    assert with_time(Linear.of(cut, scales_of(base)), scales_of(base), ()) is None
+
+
+@pytest.mark.parametrize("name, mean, sd", [("b", 1e-4, 1e-3), ("k_f", 1000.0, 5000.0)])
+def test_windows_of_a_model_whose_drag_or_dissipation_may_be_none(name, mean, sd):
+    """A normal prior reaches below zero, where there is no cradle; what is stated beside it is not of these data."""
+    cradle = Cradle(bobs=2, kappa=190.0, **({"b": 1e-5} if name == "b" else {"k_f": 200.0}))
+    run = simulated_run(cradle, angle=0.3, duration=12.0)
+    base = Searcher(Store(None, ""), 0, 1).nearby(Experiment(cradle, (run,), {name: Prior(mean=mean, sd=sd)}), {})
+    assert windowed(base).values[name] >= 0.0
+
+
+def test_bands_do_not_hang_on_how_an_unknown_is_sampled():
+    """With a prior too wide to matter, k_f is sampled as it is, and without as its logarithm."""
+    cradle = Cradle(bobs=2, kappa=190.0)
+    run = simulated_run(cradle, angle=0.3, duration=10.0)
+    terms = (Term("learned_impact", "bend", 0, True),)
+    bands = []
+    for infer in ({}, {"k_f": Prior(mean=18000.0, sd=90000.0)}):
+        likelihood = Likelihood(Experiment(cradle, (run,), infer), None, 1)
+        base = Fitted(likelihood, likelihood.start())
+        whole = Likelihood(extended(base.experiment, scales_of(base), terms), None, 1)
+        fit = Fitted(whole, placed(whole, {"k_f": cradle.k_f}))
+        bands.append(Shape(Law(base, fit, terms, 1.0, 1.0), fit)._of_impacts().band[-1])
+    assert bands[1] == pytest.approx(bands[0], rel=0.05)
+
+
+def test_what_goes_on_beside_the_motion_cannot_be_cut_into_windows():
+    """Of its own data such a model would leave far more than noise in windows: creep begins anew in each, and the frame
+    at rest."""
+    creep = {"string_creep": {"rate": 1e-5}}
+    frame = {"frame_compliance": {"frame_mass": 20.0, "frequency": 6.0, "damping_ratio": 0.05}}
+    assert [can_be_cut(Cradle(bobs=2, effects=e)) for e in ({}, creep, frame)] == [True, False, False]
 
 
 def test_nothing_is_learned_of_noise(tmp_path):

@@ -12,11 +12,12 @@ from cradle_env import Cradle, Release, simulate
 from identification import fit
 from identification.calibration import calibrate
 from identification.experiment import Experiment
-from identification.fit import find_mode
+from identification.fit import bounds, find_mode, training_rows
 from identification.likelihood import Jumps, Likelihood, lifted_further
 from identification.posterior import Posterior
 from identification.runs import Prior, ReleaseInfo, Run
 from tests.independent.soft_contact import SoftCradle, simulate_soft
+from tests.synthetic import simulated_run
 
 TRUE = {"k_f": 21000.0, "kappa": 180.0, "b": 0.003}
 
@@ -139,3 +140,28 @@ def test_some_of_the_parameters_are_inferred_alone(tmp_path):
     loaded = Posterior.load(posterior.save(tmp_path / "posterior.nc"))
     assert loaded.likelihood.names == posterior.likelihood.names
     np.testing.assert_allclose(loaded.chain, posterior.chain, rtol=1e-12)
+
+
+def test_a_run_of_which_more_is_unknown_is_not_held_out_whole():
+    """Its start state, or where its bobs rest, would be fitted by nothing."""
+    cradle = Cradle(bobs=2)
+    last = simulated_run(cradle, angle=0.15, duration=6.0)
+    for fields in ({}, {"state": "free", "release": None}, {"rest": "free"}):
+        runs = (simulated_run(cradle, duration=6.0), dataclasses.replace(last, **fields))
+        train, held = training_rows(Experiment(cradle, runs))
+        expected = [0.0, 1.0] if not fields else [1.0 / 3.0, 1.0 / 3.0]
+        for run, one, other, share in zip(runs, train, held, expected, strict=True):
+            assert np.array_equal(one | other, run.fitted) and not (one & other).any()
+            assert other.mean() == pytest.approx(share, abs=0.01)
+
+
+@pytest.mark.parametrize("name", ["k_f", "b", "kappa", "length", "restitution", "delta"])
+def test_normal_priors_end_where_there_is_no_cradle(name):
+    model = "ho" if name == "restitution" else "nsp"
+    cradle = Cradle(bobs=2, model=model, effects={"-velocity_dependent_restitution": {}} if model == "ho" else {})
+    run = simulated_run(cradle, duration=6.0)
+    likelihood = Likelihood(Experiment(cradle, (run,), {name: Prior(mean=0.1, sd=1.0)}), parameters=())
+    place = likelihood.names.index(name)
+    low, high = bounds(likelihood)
+    assert low[place] == pytest.approx(-1.0 if name == "delta" else 0.0, abs=1e-8)
+    assert bool(high[place] <= 1.0) == (name == "restitution")

@@ -53,14 +53,17 @@ def test_strings_that_show_stay(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("gap", "infer"),
+    ("gap", "infer", "unknown"),
     [
-        (1.2, {}),  # the model is right otherwise: what is missing must be told, not hidden
-        (3.0, {"kappa": {"mean": 190.0, "sd": 1.0}}),  # the strings are known
-        (3.0, {"string_creep.rate": {"low": 0.0, "high": 1e-4}}),  # so is what needs them
+        (1.2, {}, True),  # the model is right otherwise: what is missing must be told, not hidden
+        (3.0, {"kappa": {"mean": 190.0, "sd": 1.0}}, True),  # the strings are known
+        (3.0, {"string_creep.rate": {"low": 0.0, "high": 1e-4}}, True),  # so is what needs them
+        (3.0, {}, False),  # by its value
     ],
 )
-def test_what_is_known_or_near_the_noise_is_not_questioned(gap, infer):
+def test_what_is_known_or_near_the_noise_is_not_questioned(gap, infer, unknown):
     cradle = Cradle(bobs=2, effects={"string_creep": {"rate": 1e-5}})
-    given = SimpleNamespace(cradle=cradle, experiment=SimpleNamespace(infer=infer), training_gap=lambda: gap)
+    named = ("string_creep.rate",) if unknown else ()
+    experiment = SimpleNamespace(infer=infer, unknown_effect_parameters=named)
+    given = SimpleNamespace(cradle=cradle, experiment=experiment, training_gap=lambda: gap)
     assert simpler(given, None, None) is given  # type: ignore[arg-type]  # nothing is searched for

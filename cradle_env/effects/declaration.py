@@ -40,6 +40,10 @@ class Parameter:
     each: str = ""
     balanced: bool = False
 
+    def __post_init__(self) -> None:
+        if math.isfinite(self.absent) and self.absent == self.high > self.low:
+            raise ValueError(f"{self.key}: absent at its upper bound, {self.high:g}; state it with the other sign")
+
     @property
     def log(self) -> bool:
         """Whether only its order of magnitude is known beforehand: positive, and not absent at a finite value."""

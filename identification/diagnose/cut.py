@@ -7,20 +7,29 @@ import dataclasses
 import functools
 import itertools
 import math
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.optimize import least_squares
 
+from cradle_env.cradle import Cradle
 from cradle_env.simulation import in_threads
 from identification.diagnose.fitted import Fitted, Readings
 from identification.diagnose.search import placed
 from identification.diagnose.windows import divided
-from identification.fit import bounds, steps
+from identification.fit import bounds, safe_residuals, steps
 from identification.likelihood import Likelihood, hanging_radius
 from identification.runs import Run
 
 #: Width of a window, in small-angle periods, and evaluations by which its start states are found.
 _WIDTH, _EVALUATIONS = 3.0, 12
+#: Effects with a state of their own, which no window infers.
+_GOING_ON = ("string_creep", "frame_compliance")
+
+
+def can_be_cut(cradle: Cradle) -> bool:
+    """Whether a window can begin anew: with what goes on beside the motion of the bobs, none can."""
+    return not any(map(cradle.has, _GOING_ON))
 
 
 def windowed(fitted: Fitted) -> Fitted:
@@ -28,6 +37,7 @@ def windowed(fitted: Fitted) -> Fitted:
     of the model; the first of a run that begins with a release keeps it. Offsets of rest stay as fitted."""
     experiment, likelihood = fitted.experiment, fitted.likelihood
     runs: list[Run] = []
+    origins: list[int] = []
     values = {name: value for name, value in fitted.values.items() if "@" not in name}
     for k, (run, rows) in enumerate(zip(experiment.runs, likelihood.rows, strict=True)):
         if not rows.any():
@@ -39,8 +49,10 @@ def windowed(fitted: Fitted) -> Fitted:
             inside = rows & (run.times >= low) & (run.times < high)
             if not inside.any():
                 continue
-            cut = {"times": run.times[inside], "readings": run.readings[inside] - rest, "rest": "known", "fit_to": None}
+            cut = {"times": run.times[inside], "readings": run.readings[inside] - rest, "rest": "known", "fit_to": None,
+                   "lines": None}  # fmt: skip
             at = f"@{len(runs) + 1}"
+            origins.append(k)
             if number == 0:
                 runs.append(dataclasses.replace(run, **cut))
                 values |= {name.partition("@")[0] + at: value for name, value in fitted.values.items()
@@ -51,19 +63,24 @@ def windowed(fitted: Fitted) -> Fitted:
     cut_up = dataclasses.replace(experiment, runs=tuple(runs), digest="windows")
     view = Likelihood(cut_up, None, likelihood.workers)
     low, high = bounds(view)
+    start = placed(view, values)
+    length = len(view.residuals(start))
     reached = least_squares(
-        view.residuals,
-        placed(view, values),
+        lambda point: safe_residuals(view, point, length),
+        start,
         lambda point: _jacobian(view, point),  # type: ignore[arg-type]  # a function, which SciPy's stubs do not know of
         (low - 1e-12, high + 1e-12),
         x_scale=steps(view),
         max_nfev=_EVALUATIONS,
     )
-    return Windowed(view, reached.x)
+    return Windowed(view, reached.x, tuple(origins))
 
 
+@dataclass(frozen=True, eq=False)
 class Windowed(Fitted):
-    """A fit with start states of each window, whose derivatives are all had at once."""
+    """A fit with start states of each window, whose derivatives are all had at once; origins: the run of each."""
+
+    origins: tuple[int, ...]
 
     @functools.cached_property
     def jacobian(self) -> np.ndarray:
@@ -83,7 +100,7 @@ def _jacobian(likelihood: Likelihood, point: np.ndarray) -> np.ndarray:
     def change(places: list[int]) -> np.ndarray:
         moved = point.copy()
         moved[places] += width[places]
-        return likelihood.residuals(np.clip(moved, *bounds(likelihood))) - base
+        return safe_residuals(likelihood, np.clip(moved, *bounds(likelihood)), len(base)) - base
 
     changes = in_threads(change, list(together.values()), likelihood.workers)
     for places, changed in zip(together.values(), changes, strict=True):

@@ -68,6 +68,11 @@ class Fitted:
         """The unknowns at the mode."""
         return self.likelihood.values(self.point)
 
+    def scale_of(self, name: str) -> float:
+        """The change of an unknown's coordinate that is its change by its own size, to first order."""
+        unknown = self.likelihood.unknowns[self.likelihood.names.index(name)]
+        return 1.0 if unknown.log else self.values[name]
+
     @property
     def learned(self) -> bool:
         """Whether the model holds a law learned from data."""

@@ -12,6 +12,7 @@ from scipy.interpolate import CubicSpline
 
 from cradle_env.effects.learned_force import IN_TIME, learned_force
 from cradle_env.simulation import in_threads
+from identification.diagnose.cut import Windowed
 from identification.diagnose.fitted import Fitted, span
 from identification.diagnose.lines import frequencies
 from identification.diagnose.terms import MOVED, Linear, Scales, Term, column, library
@@ -31,7 +32,8 @@ def with_time(linear: Linear, scales: Scales, subset: tuple[int, ...]) -> tuple[
     fitted = linear.fitted
     times, period = fitted.readings.time, fitted.cradle.period
     sought = frequencies(float(np.ptp(times)), period)
-    if len({run.file for run in fitted.experiment.runs}) > 1 or len(sought) == 0:
+    assert isinstance(fitted, Windowed)
+    if len(set(fitted.origins)) > 1 or len(fitted.origins) < 2 or len(sought) == 0:
         return None
     begin, width = _begins(fitted)
     coarse = np.arange(sought[0], sought[-1] + 1.0, 1.0 / (_COARSE * width))

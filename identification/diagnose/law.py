@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cradle_env.simulation import SimulationError, in_threads
-from identification.diagnose.cut import windowed
+from identification.diagnose.cut import can_be_cut, windowed
 from identification.diagnose.decide import CLOSE, log_evidence
 from identification.diagnose.fitted import Fitted, colour
 from identification.diagnose.in_time import with_time
@@ -65,15 +65,16 @@ def learn(fitted: Fitted, searcher: Searcher, tell: Progress, rival: Fitted | No
         return None
     tell("law", 0.0, "window by window")
     scales = scales_of(fitted)
-    linear = Linear.of(windowed(fitted), scales)
+    cut = Linear.of(windowed(fitted), scales) if can_be_cut(fitted.cradle) else None
     tell("law", 0.4, "which terms")
     part = inner(fitted.experiment)
     none = Law(fitted, fitted, (), *[_free(fitted, searcher, part, scales, (), {}).held_out_gap()] * 2)
     most = math.inf if rival is None else _FAR_WORSE * fitted_within(rival, searcher).held_out_gap()
-    views = [linear, *(_free_views(none, scales) if fitted.training_gap() <= _SMALL else ())]
+    free = _free_views(none, scales) if cut is None or fitted.training_gap() <= _SMALL else []
+    views = free if cut is None else [cut, *free]
     laws = [(_first(none, searcher, part, scales, view, choices(view), most), scales) for view in views]
     tell("law", 0.6, "forces in time")
-    if (timed := with_time(linear, scales, chosen(linear))) is not None:
+    if cut is not None and (timed := with_time(cut, scales, chosen(cut))) is not None:
         linear, at = timed
         several = choices(linear)
         swinging = tuple(i for i in several[0] if linear.term(i).in_time) if several else ()
@@ -137,7 +138,7 @@ def _with(
             whole.held_out_gap()  # raises where the run ends before the readings do
             wider = Law(fitted, whole, terms, law.inner_before, gap)
             return wider if wider.log_evidence > law.log_evidence else None
-    except SimulationError:  # a law under which the cradle cannot swing
+    except (SimulationError, ValueError):  # a law under which the cradle cannot swing
         pass
     return None
 

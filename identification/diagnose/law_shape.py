@@ -73,11 +73,13 @@ class Shape:
     ) -> tuple[np.ndarray, np.ndarray]:
         """(sum, half width of its band) of basis(key) times the coefficients of one bob or pair (from 1).
 
-        beside: an unknown of the model and the change of the function by its coordinate, for the band alone.
+        beside: an unknown of the model and the change of the function where it changes by its own size, for the band
+        alone.
         """
         rows, coefficients, places = [], [], []
         if beside is not None and beside[0] in self.places:
-            rows, coefficients, places = [beside[1]], [0.0], [self.places[beside[0]]]
+            rows, coefficients = [beside[1] / self.fitted.scale_of(beside[0])], [0.0]
+            places = [self.places[beside[0]]]
         for term in self.law.terms:
             if term.effect == name and term.which in (0, which):
                 rows.append(basis(term.key))
@@ -204,7 +206,7 @@ class Shape:
         return Curve("impacts: restitution", "impact speed [m/s]", "e", v, e, band, without)
 
     def energy_taken(self) -> float:
-        """What the forces of the law on single bobs take of the motion over the fitted time [J]; < 0: they give."""
+        """What the forces of the law on single bobs take of the first run, from its start on [J]; < 0: they give."""
         name = learned_force.name
         if not self.cradle.has(name):
             return 0.0

@@ -7,6 +7,8 @@ import numpy as np
 #: Frequencies looked at: as many to the width of a line, 1/duration; from so many swings over the duration to so many
 #: per small-angle period of the cradle, beyond which a force hardly moves a bob.
 _FINE, _LEAST, _FASTEST = 4, 2.0, 4.0
+#: Frequencies whose waves are held at a time.
+_TOGETHER = 64
 
 
 def frequencies(duration: float, period: float) -> np.ndarray:
@@ -26,9 +28,12 @@ def power(times: np.ndarray, residuals: np.ndarray, found: np.ndarray) -> np.nda
     instants, row = np.unique(times, return_inverse=True)
     together = np.zeros((len(instants), *residuals.shape[1:]))
     np.add.at(together, row, residuals)
-    angle = 2.0 * np.pi * np.outer(found, instants - instants[0])
-    waves = np.array([np.cos(angle), np.sin(angle)])
-    parts = waves @ together.reshape(len(instants), -1)
-    G = np.einsum("aft,bft,t->fab", waves, waves, np.bincount(row))
-    saved = np.einsum("afm,fab,bfm->fm", parts, np.linalg.inv(G), parts)
+    together, count = together.reshape(len(instants), -1), np.bincount(row)
+    saved = np.empty((len(found), together.shape[1]))
+    for some in np.array_split(np.arange(len(found)), -(-len(found) // _TOGETHER)):  # all at once are too many to hold
+        angle = 2.0 * np.pi * np.outer(found[some], instants - instants[0])
+        waves = np.array([np.cos(angle), np.sin(angle)])
+        parts = waves @ together
+        G = np.einsum("aft,bft,t->fab", waves, waves, count)
+        saved[some] = np.einsum("afm,fab,bfm->fm", parts, np.linalg.inv(G), parts)
     return saved.reshape(len(found), *residuals.shape[1:])

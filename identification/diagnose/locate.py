@@ -202,7 +202,8 @@ def all_places(fitted: Fitted, found: list[Window]) -> list[Place]:
             columns[mine] = _harmonics(omega * fitted.readings.time[window.rows][mine])
             left = columns - window.absorbed @ (window.absorbed.T @ columns)
             places.append(Place(window.run, int(bob), window.interval, "within", window.rows, span(left)))
-    return places
+    # Of a bob that the model leaves exactly at rest there is no amplitude that could be off.
+    return [place for place in places if place.basis is None or place.basis.shape[1]]
 
 
 def _beginnings(fitted: Fitted) -> list[Place]:

@@ -120,7 +120,7 @@ def _without_the_needless(course: Course) -> tuple[Examined, list[Step], list[st
     many, an effect may only have led to a better one of the model without it."""
     last, searcher = course.examined[-1], course.searcher
     kept, removed = list(course.steps), []
-    for step in course.steps:
+    for step in reversed(course.steps):  # what another requires, after that
         required = any(step.effect in _required(other.effect) for other in kept)
         if required:
             continue

@@ -16,9 +16,11 @@ ELASTIC = "radial_elasticity"
 
 def simpler(given: Fitted, searcher: Searcher, tell: Progress) -> Fitted:
     """The fit of the same model with rigid strings, where both are far from the data and it is the more evident; else
-    the best mode of the model as it is. What has a prior is not taken out."""
-    going = _with_dependents(given)
+    the best mode of the model as it is. What has a prior, or is stated with all its values, is not taken out."""
+    going, unknown = _with_dependents(given), given.experiment.unknown_effect_parameters
     known = {name.partition(".")[0] for name in given.experiment.infer}
+    stated = ((name, {f"{name}.{key}" for key in values}) for name, values in given.cradle.effects.items())
+    known |= {name for name, values in stated if values and values.isdisjoint(unknown)}
     if given.training_gap() < FAR or not given.cradle.has(ELASTIC) or known & {"kappa", *going}:
         return given
     given = searcher.settled(given, tell)

@@ -146,15 +146,15 @@ class Linear:
         return self._saved[subset]
 
     def coefficients(self, subset: tuple[int, ...]) -> np.ndarray:
-        """Of b (its relative change) and of a subset, (1 + k,)."""
-        own = [0, *subset]
+        """Of b (the change of its coordinate) and of a subset, (1 + k,)."""
+        own, least = [0, *subset], _LEAST_B * self.fitted.scale_of("b")
         size = np.sqrt(np.diag(self.G)[own])
         size[size == 0.0] = 1.0
         G, h = self.G[np.ix_(own, own)] / np.outer(size, size) + 1e-9 * np.eye(len(own)), self.h[own] / size
         c = np.linalg.solve(G, h) / size
-        if c[0] < _LEAST_B:
-            rest = np.linalg.solve(G[1:, 1:], h[1:] - _LEAST_B * size[0] * G[1:, 0]) / size[1:]
-            c = np.concatenate([[_LEAST_B], rest])
+        if c[0] < least:
+            rest = np.linalg.solve(G[1:, 1:], h[1:] - least * size[0] * G[1:, 0]) / size[1:]
+            c = np.concatenate([[least], rest])
         return c
 
     def path(self, most: int) -> list[tuple[int, ...]]:
