@@ -86,7 +86,8 @@ class NewtonCradleEnv(gym.Env[np.ndarray, np.ndarray]):
     ## Episode end
 
     Terminated when synchronized: σ ≤ `synchronized_at` throughout a whole window. Truncated after `duration`; the
-    registered time limit is 3600 steps, which is 60 s, so a longer episode needs `max_episode_steps` too.
+    registered time limit is 3600 steps, which is 60 s at the default interval, so a longer episode or a shorter
+    interval needs `max_episode_steps` too.
 
     A step raises `SimulationError` if the motion cannot be carried on: strings or bobs far from any cradle's, which
     press and bounce without end.
@@ -119,9 +120,11 @@ class NewtonCradleEnv(gym.Env[np.ndarray, np.ndarray]):
 
     `delta`, `release_angle` and the numbers of `Cradle` may be ranges (low, high), drawn anew by `reset` from the
     environment's random numbers. `reset(options={...})` changes any of these for one episode, within what the
-    observation space holds; `options={"posterior": "posterior.nc"}` draws what a calibration inferred, jointly.
+    observation space holds; `options={"posterior": "posterior.nc"}` draws what a calibration inferred, jointly, and
+    leaves all else, such as `length` and `mass`, as it is here.
 
-    `get_state` and `set_state` save and restore everything, hysteresis and random numbers too, bit for bit.
+    `get_state` and `set_state` save and restore everything, hysteresis and random numbers too, bit for bit; not the
+    steps that a time limit around the environment has counted: `max_episode_steps=-1` does without one.
     `make_vec("NewtonCradle-v0", num_envs=K)` steps K cradles in one call on all cores.
 
     ## Version history

@@ -219,6 +219,8 @@ class Settings:
                     f"this cradle cannot take the posterior: {error}; give the environment the bobs and the effects of "
                     "the calibration, with what was known of them"
                 ) from None
+            if "delta" in posterior:
+                self._check("delta", cradle.delta)
         return cradle, values["release_angle"]
 
     def checked_action(self, action: Any) -> np.ndarray:

@@ -179,7 +179,8 @@ def prepare(cradle: Cradle, release: Release | InitialState, step_factor: float 
         overlap = start.at_rest(c[0], bobs, release.angles_of(cradle), release.start == "hanging", S, W)
         if overlap > 1e-6:
             raise ValueError(
-                f"bobs overlap by {overlap:.2g} m at the release; lift the end bobs, outwards, or increase delta"
+                f"bobs overlap by {overlap:.2g} m at the release; lift the end bobs, outwards (angles are positive "
+                "towards the last bob), or increase delta"
             )
     else:
         theta, theta_dot, r, r_dot, ratio = _initial_arrays(cradle, release)

@@ -140,7 +140,12 @@ def _read_run(table: Table, file: str, recording: Recording, cradle: Cradle) -> 
             values[key] = table.string(key, choices)
     if "release" in table:
         values["release"] = _read_release(table.table("release"))
-    # Where each bob rests from a common origin only its readings tell; a rest that is free need not be told better.
+    if recording.absolute:  # where each bob rests from a common origin only its readings tell
+        if values.setdefault("rest", "free") == "known" and cradle.bobs > 1:
+            raise table.refuse(
+                f'is "known", but x in {file} is counted from one origin for all bobs; write rest = "free"', "rest"
+            )
+    # A rest that is free need not be told better than by the median.
     from_rest = recording.displacements() if values.get("rest") == "free" else recording.readings
     with table.entry():
         run = Run(

@@ -11,6 +11,7 @@ import numpy as np
 from cradle_env.cradle import Cradle, Release
 from cradle_env.effects import CATALOGUE
 from cradle_env.errors import check_range, unknown_key
+from cradle_env.simulation import prepare
 from identification.recording import UNITS
 
 #: Noise [rad or m] below which the errors of a simulation, some 1e-7 over 10 s, would count as misfit.
@@ -182,12 +183,12 @@ INFERABLE = (
 
 
 def checked_run(cradle: Cradle, run: Run) -> Run:
-    """The run with its δ, if it fits the cradle; ValueError otherwise."""
+    """The run with its δ, if it fits the cradle and can begin as stated; ValueError otherwise."""
     if run.readings.shape[1] != cradle.bobs:
         raise ValueError(f"readings of {run.readings.shape[1]} bobs; the cradle has {cradle.bobs} bobs")
     of_run = cradle if run.delta is None else cradle.replace(delta=run.delta)
     if run.release is not None:
-        run.release.release.angles_of(of_run)
+        prepare(of_run, run.release.release)
     return dataclasses.replace(run, delta=of_run.delta)
 
 

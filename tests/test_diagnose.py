@@ -188,10 +188,14 @@ def test_an_interrupted_diagnosis_goes_on(plain, tmp_path):
 
 
 def test_fits_of_other_inputs_are_not_used(tmp_path):
-    (tmp_path / "fits.json").write_text('{"inputs": "other", "points": {"a": [1.0]}}', encoding="utf-8")
-    assert Store(tmp_path / "fits.json", "these").points == {}
+    (tmp_path / "fits.json").write_text('{"inputs": "old/data/0", "points": {"a": [1.0]}}', encoding="utf-8")
+    assert Store(tmp_path / "fits.json", "new/data/0").points == {}
+    assert Store(tmp_path / "fits.json", "old/data/0").points == {"a": [1.0]}
+    for other in ("old/others/0", "old/data/1"):
+        with pytest.raises(ValueError, match="of another experiment, or with another seed, which would be lost"):
+            Store(tmp_path / "fits.json", other)
     (tmp_path / "fits.json").write_text("broken", encoding="utf-8")
-    assert Store(tmp_path / "fits.json", "these").points == {}
+    assert Store(tmp_path / "fits.json", "new/data/0").points == {}
 
 
 @pytest.mark.parametrize(("gap", "exhaust", "both"), [(1.01, True, True), (3.0, True, False), (1.01, False, False)])

@@ -9,6 +9,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from cradle_env.cradle import Cradle, Release
+from identification.csv_data import read_recording
 from identification.experiment import Experiment, ExperimentError, Prior, ReleaseInfo
 from identification.files import write_together
 from identification.noise import estimated_noise, gap_of_noise
@@ -101,11 +102,24 @@ TRACKER_2 = "#multi:\n\tmass B\t\tmass A\t\t\nt\tx\ty\tx\ty\t\n0\t0.02\t0\t0.01\
      ("ball 2\t\t\tball 3\nt\tx\ty\tt\tx\ty\n0\t0,01\t0\t0\t0,02\t0\n", [0.0], [[np.nan, 0.01, 0.02]])],
     ids=["one mass", "#multi", "tables in a row", "tables side by side"],
 )  # fmt: skip
-def test_tracker_exports(load, csv, times, readings):
-    run = load(csv=csv).runs[0]
-    assert run.quantity == "x"
-    assert run.times == pytest.approx(times)
-    assert np.array_equal(run.readings, readings, equal_nan=True)
+def test_tracker_exports(tmp_path, csv, times, readings):
+    (tmp_path / "run1.csv").write_text(csv)
+    found = read_recording(tmp_path / "run1.csv", 3)
+    assert found.quantity == "x" and found.absolute
+    assert found.times == pytest.approx(times)
+    assert np.array_equal(found.readings, readings, equal_nan=True)
+
+
+def test_a_common_origin_leaves_the_rest_open(load):
+    """Tracker counts x from one origin: no bob is known to rest there."""
+    one = load(csv=TRACKER_1).runs[0]
+    assert one.rest == "free"
+    with pytest.raises(
+        ExperimentError, match=r'line 12.*run\[1\].rest.*from one origin for all bobs; write rest = "free"'
+    ):
+        load(edit("noise = 0.001", 'noise = 0.001\nrest = "known"'), TRACKER_1)
+    alone = load(edit("bobs = 3", "bobs = 1", edit("noise = 0.001", 'noise = 0.001\nrest = "known"')), TRACKER_1)
+    assert alone.runs[0].rest == "known"
 
 
 def test_a_free_rest_is_that_of_the_readings(load):
@@ -182,6 +196,7 @@ REFUSED = {
     "mass": (edit("0.2813", "-1"), CSV, ["line 4", "mass is -1 kg", "greater than 0 kg"]),
     "bobs": (edit("bobs = 3", "bobs = 0"), CSV, ["line 3", "bobs is 0", "at least 1 and at most 200"]),
     "delta": (edit("noise = 0.001", "delta = -1.0"), CSV, ["line 11", "delta is -1", "greater than -1"]),
+    "inward release": (edit("angle = 0.228", "angle = -0.228"), CSV, ["overlap", "positive towards the last bob"]),
     "delta list": (edit("noise = 0.001", "delta = [0.1]"), CSV, ["line 11", "1 values", "2 gaps"]),
     "base": (edit('"nsp"', '"nps"'), CSV, ["line 6", "nps", '"nsp"']),
     "effect": (edit("effects = []", 'effects = ["quadratic_darg"]'), CSV, ["line 7", "'quadratic_drag'"]),
@@ -276,7 +291,7 @@ CELLS = [
 ]  # fmt: skip
 FULL = (
     edit("mass = 0.2813", "mass = 0.2813\nlength = 0.3\nkappa = 190\ndelta = [0.0, 0.0]\npower_law = [0.03, 0.2]")
-    + "delta = 0\nfit_from = 0.0\nfit_to = 9.0\nstate = 'release'\nrest = 'known'\n"
+    + "delta = 0\nfit_from = 0.0\nfit_to = 9.0\nstate = 'release'\nrest = 'free'\n"
     + "[model.parameters]\nquadratic_drag = { c2 = 0.002 }\n[infer]\nlength = { mean = 0.3, sd = 0.01 }\n"
     + "delta = { low = -0.1, high = 0.1 }\nquadratic_drag.c2 = { low = 0, high = 1 }\n"
 )

@@ -19,7 +19,7 @@ from cradle_env.simulation import SimulationError, in_threads
 from identification.diagnose.candidates import Candidate, Values, starts, with_effects
 from identification.diagnose.fitted import Fitted
 from identification.experiment import Experiment
-from identification.files import json_text, write_together
+from identification.files import ExperimentError, json_text, write_together
 from identification.fit import Progress, bounds, cost, early_rows, find_mode, refine, training_rows
 from identification.likelihood import Likelihood
 from identification.rough import among_modes, polish
@@ -34,16 +34,23 @@ _ATTEMPTS, _NOISE = 3, 1.0
 
 
 class Store:
-    """Points of finished fits by what was fitted, in a file (None: in memory only)."""
+    """Points of finished fits by what was fitted, in a file (None: in memory only). inputs: "program/data", of which
+    fits of other data are refused (ExperimentError), and those by another program made anew."""
 
     def __init__(self, path: Path | None, inputs: str):
         self.path, self.inputs, self.points = path, inputs, {}
         if path is not None and path.is_file():
             try:
                 known = json.loads(path.read_text(encoding="utf-8"))
-                self.points = known["points"] if known["inputs"] == inputs else {}
-            except (ValueError, KeyError, TypeError):
-                pass  # of another program or broken: begin anew
+                data, points = known["inputs"].partition("/")[2], known["points"]
+            except (ValueError, KeyError, TypeError, AttributeError):
+                return  # broken: begin anew
+            if data != inputs.partition("/")[2]:
+                raise ExperimentError(
+                    f"{path}: holds the fits of another experiment, or with another seed, which would be lost; "
+                    "choose another --out"
+                )
+            self.points = points if known["inputs"] == inputs else {}  # of another program: begin anew
 
     @classmethod
     def of(cls, out: str | Path | None, experiment: Experiment, seed: int) -> Store:
