@@ -27,10 +27,12 @@ from .independent.laboratory import Recording, record, write_experiment
 from .independent.soft_contact import SoftCradle
 
 #: Contacts this much stiffer are as good as instantaneous; see tests/test_independent.py. Bobs of unequal length or
-#: mass hang at unequal heights, some 1e-10 m apart, and are struck as one only if the blow presses them by far more
-#: than that, as real ones do: 1e6 would part them, by 0.1 mrad, while contacts of 3e4 still are short enough.
-STIFFENED, _STIFFENED_UNEVEN = 1e6, 3e4
+#: mass hang at unequal heights, 1e-11 to 1e-7 m apart, and whether they are struck as one hangs on how far a blow
+#: presses them: by 0.3 mrad from one stiffness to another, and by 2 to 5 mrad to impacts that take no time at all. Of
+#: three such bobs and more, contacts are as stiff as real ones, and the model states that they last (0.003 mrad).
+STIFFENED = 1e6
 _UNEVEN = frozenset({"length_mismatch", "mass_mismatch"})
+_LASTING = "contact_duration"
 TARGETS = (15.0, 50.0, 200.0)
 NULLS, ROUNDS = 10, 12
 #: How many wrong models the oracle refits, and how often it tries a strength.
@@ -149,6 +151,9 @@ class Apparatus:
         self.patterns = [rng.standard_normal({"bob": self.bobs, "gap": self.bobs - 1}.get(kind.each, 1))
                          for kind in case.kinds]  # fmt: skip
         self.pair = int(rng.integers(1, self.bobs)) if self.bobs > 1 else 1
+        names = {kind.name for kind in case.kinds}
+        #: Whether the model states that contacts last as long as real ones.
+        self.lasting = self.bobs > 2 and not _UNEVEN.isdisjoint(names) and _LASTING not in names
 
     def effects(self, strengths: list[float]) -> dict:
         """What is hidden at these strengths, as the soft reference has it."""
@@ -178,8 +183,7 @@ class Apparatus:
     def record(self, strengths: list[float], noisy: bool, rate: float | None = None) -> Recording:
         """The recording at these strengths, 45 s of it."""
         effects = self.effects(strengths)
-        uneven = self.bobs > 2 and not _UNEVEN.isdisjoint(effects)
-        factor = 1.0 if "contact_duration" in effects else _STIFFENED_UNEVEN if uneven else STIFFENED
+        factor = 1.0 if self.lasting or _LASTING in effects else STIFFENED
         cradle = SoftCradle(self.bobs, stiffness_factor=factor, effects=effects, **self.truth)
         noise = self.noise if noisy else 0.0
         return record(cradle, {self.bobs: self.angle}, noise=noise, rate=rate or self.rate, duration=45.0,
@@ -187,9 +191,10 @@ class Apparatus:
 
     def write(self, folder: Path, recording: Recording, noise: float | None = None) -> Path:
         """The experiment's files; what they state of k_f, kappa, b and the release is off."""
+        known = {_LASTING: {"scale": 1.0}} if self.lasting else {}
         return write_experiment(
-            folder, [recording], stated=self.stated, release={"angles": {self.bobs: self.lifted}},
-            run={"noise": noise or self.noise},
+            folder, [recording], stated=self.stated, effects=[*known], parameters=known,
+            release={"angles": {self.bobs: self.lifted}}, run={"noise": noise or self.noise},
         )  # fmt: skip
 
 
