@@ -128,16 +128,16 @@ def simulate(
     """Simulates one run and writes it; with noise [rad], an experiment with its data too."""
     if noise is not None:
         check_range("noise", noise, "rad", 0.0, above=True)
-        check_own(out, (FILE_NAME, Run.file), "summary.json", results.RUN_FORMAT)
+    written = (*results.RUN_FILES, *(() if noise is None else (FILE_NAME, Run.file)))
+    check_own(out, (results.SUMMARY, *written), results.SUMMARY, results.RUN_FORMAT)
     with Progress() as progress:
         progress("simulate", None, "the first run after installation compiles for some seconds")
         run = simulation.simulate(cradle, release, duration, sample_rate)
         progress("draw", None)
         described_by = {"cradle": results.cradle_values(cradle), "release": results.release_values(release)}
         inputs = hashlib.sha256(json.dumps([described_by, duration, sample_rate], sort_keys=True).encode()).hexdigest()
-        summary = results.save_run(run, out, seed=seed, inputs=inputs)
-        if noise is not None:
-            _as_experiment(cradle, release, run.t, noise, seed).save(out)
+        experiment = None if noise is None else _as_experiment(cradle, release, run.t, noise, seed)
+        summary = results.save_run(run, out, seed=seed, inputs=inputs, experiment=experiment)
     rate, groups = summary["lambda"], summary["cradle"]["groups"] | {"gamma": summary["release"]["gamma"]}
     symbols = {"alpha": "α", "n": "n", "beta": "β", "gamma": "γ"}
     rows = [

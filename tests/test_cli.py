@@ -180,6 +180,36 @@ def test_simulate_makes_an_experiment_and_reads_one(tmp_path):
     assert summary["cradle"]["effects"] == {"angle_offset": {"offset": 0.01}}
 
 
+@pytest.mark.parametrize("option", [[], ["--experiment"]])
+def test_simulate_replaces_only_what_it_has_written(option, pair, tmp_path, capsys):
+    """Measured data stay, be they there before the first run or put beside its results."""
+    command = ["simulate", "--bobs", 2, "--duration", 2, "--out", tmp_path]
+    name = "run1.csv" if option else "trajectory.csv"
+    (tmp_path / name).write_text("measured")
+    assert run(*command, *option) == 2
+    assert f"{name}: exists and is no result of this command" in refusal(capsys)
+    (tmp_path / name).unlink()
+    for repeated in (["--experiment"], [], option):
+        assert run(*command, *repeated) == 0
+    (tmp_path / name).write_text("measured")
+    capsys.readouterr()
+    assert run(*command, *option) == 2
+    assert f"{name}: exists and is no result of this command" in refusal(capsys)
+    assert (tmp_path / name).read_text() == "measured"
+
+
+def test_simulate_beside_an_experiment_leaves_its_data(pair, tmp_path, capsys):
+    """A first simulate without --experiment does not make the folder's data ours."""
+    path = pair.save(tmp_path)
+    command = ["simulate", "--from", path, "--duration", 2, "--out", tmp_path]
+    before = (tmp_path / "run1.csv").read_bytes()
+    assert run(*command) == 0
+    capsys.readouterr()
+    assert run(*command, "--experiment") == 2
+    assert "experiment.toml: exists and is no result of this command" in refusal(capsys)
+    assert (tmp_path / "run1.csv").read_bytes() == before
+
+
 def test_effects_are_taken_out_and_beta_is_of_the_lengths_set(tmp_path):
     settings = ["--effect=-string_hysteresis", "--set", "length=0.2", "--duration", 1]
     assert run("simulate", *settings, "--out", tmp_path) == 0
