@@ -60,9 +60,8 @@ def described(
     values |= dict(_setting(text) for text in settings)
     if str(values.get("model", "")).lower().endswith(".toml"):
         values["model"], values["effects"] = read_model(Path(values["model"]))
-        cradle = cradle.replace(model=values["model"], effects=values["effects"])
     if effects:
-        values["effects"] = _with_effects(cradle, effects)
+        values["effects"] = _with_effects(values.get("effects", cradle.effects), effects)
     beta = values.pop("beta", None)
     if beta is not None and "kappa" in values:
         raise ValueError("both beta and kappa are given; beta sets kappa, so give one of them")
@@ -102,9 +101,9 @@ def _setting(text: str) -> tuple[str, Any]:
     return name, _number(f"--set {name}", value)
 
 
-def _with_effects(cradle: Cradle, texts: Sequence[str]) -> dict[str, dict[str, float]]:
-    """The cradle's effects with those of "name.key=value", "name" or "-name" added."""
-    effects = {name: dict(values) for name, values in cradle.effects.items()}
+def _with_effects(known: Mapping[str, Mapping[str, Any]], texts: Sequence[str]) -> dict[str, dict[str, Any]]:
+    """The known effects with those of "name.key=value", "name" or "-name" added."""
+    effects = {name: dict(values) for name, values in known.items()}
     for text in texts:
         address, equals, value = text.partition("=")
         name, dot, key = address.partition(".")

@@ -218,6 +218,15 @@ def test_effects_are_taken_out_and_beta_is_of_the_lengths_set(tmp_path):
     assert cradle["groups"]["beta"] == pytest.approx(0.114)
 
 
+def test_a_model_with_a_value_per_gap_is_put_on_as_many_bobs_as_are_asked_for(tmp_path):
+    model = tmp_path / "model.toml"
+    model.write_text('[model]\neffects = ["spacer_offset"]\nparameters = {spacer_offset = {offset = [0.001, 0.002]}}\n')
+    command = ["simulate", "--model", model, "--bobs", 3, "--effect", "quadratic_drag.c2=0.002", "--duration", 1]
+    assert run(*command, "--out", tmp_path / "o") == 0
+    cradle = json.loads((tmp_path / "o" / "summary.json").read_text())["cradle"]
+    assert cradle["effects"] == {"spacer_offset": {"offset": [0.001, 0.002]}, "quadratic_drag": {"c2": 0.002}}
+
+
 def test_sweep(tmp_path, capsys):
     (tmp_path / "model.toml").write_text('[model]\nbase = "pendulum"\neffects = ["-large_angle"]\n')
     command = ["sweep", "--model", tmp_path / "model.toml", "--bobs", 2, "--duration", 4, "--out", tmp_path / "o"]
