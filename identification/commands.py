@@ -21,6 +21,7 @@ from identification.experiment import Experiment
 from identification.experiment_file import FILE_NAME
 from identification.files import check_own, check_report
 from identification.measurement import Instrument
+from identification.posterior import FORMAT as POSTERIOR_FORMAT
 from identification.posterior import Posterior
 from identification.runs import ReleaseInfo, Run
 from identification.terminal import Progress, print_table
@@ -169,6 +170,7 @@ def calibrate(
     from identification.calibration import calibrate as run
 
     check_report(out, "calibrate")
+    check_own(out, (results.SUMMARY,), results.SUMMARY, POSTERIOR_FORMAT)
     experiment = Experiment.load(path)
     with Progress() as progress:
         posterior = run(

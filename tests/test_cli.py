@@ -316,6 +316,15 @@ def test_calibrate_ends_as_the_chains_do(converged, pair, tmp_path, monkeypatch,
     assert f"report: {tmp_path / 'out' / 'report.html'}" in captured.out
 
 
+def test_simulate_and_calibrate_leave_each_others_summary(pair, tmp_path, capsys):
+    path, summary = pair.save(tmp_path / "data"), tmp_path / "summary.json"
+    for command, other in ((["simulate"], "cradle-posterior/1"), (["calibrate", path], "cradle-run/1")):
+        summary.write_text(json.dumps({"format": other}))
+        assert run(*command, "--out", tmp_path) == 2
+        assert "summary.json: exists and is no result of this command" in refusal(capsys)
+        assert json.loads(summary.read_text()) == {"format": other}
+
+
 def test_an_interrupted_calibration_says_how_to_go_on(pair, tmp_path, monkeypatch, capsys):
     from identification import calibration
 
