@@ -62,9 +62,9 @@ class NewtonCradleReleaseEnv(gym.Env[np.ndarray, np.ndarray]):
 
     ## Arguments
 
-    Those of `NewtonCradle-v0` that describe a cradle, `actions`, their ranges, `duration` (more than 1 s), `reward` and
-    `dtype`;
-    `reset(options=...)` likewise. Where settings are ranges, every episode draws a new cradle.
+    Those of `NewtonCradle-v0` that describe a cradle (`released_bobs` less than `bobs`), `actions`, their ranges,
+    `duration` (more than 1 s), `reward` and `dtype`; `reset(options=...)` likewise. Where settings are ranges, every
+    episode draws a new cradle.
 
     ## Version history
 
@@ -80,6 +80,8 @@ class NewtonCradleReleaseEnv(gym.Env[np.ndarray, np.ndarray]):
         self.settings = Settings.of(**settings)
         if self.settings.duration <= WINDOW[0]:
             raise ValueError(f"duration is {self.settings.duration:g} s; λ takes more than {WINDOW[0]:g} s")
+        lifted = Release(angle=1.0, bobs=self.settings.released_bobs)  # to whatever angle
+        lifted.check_synchronizes(Cradle(bobs=self.settings.bobs))
         self.action_space = action_space(self.settings)
         self._shape = self.action_space.shape
         low = np.concatenate([np.zeros(len(FEATURES)), [-1.0, -1.0, 0.0]])

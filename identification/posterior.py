@@ -136,9 +136,18 @@ class Posterior:
         bob = self.experiment.cradle.bobs if peaks[-1] >= peaks[0] else 1
         return Release(angles={bob: float(peaks.max()) * (1.0 if bob > 1 else -1.0)})
 
+    @property
+    def synchronizes(self) -> bool:
+        """Whether the first run's bobs have something to synchronize with, so that there is a λ."""
+        try:
+            self.release().check_synchronizes(self.experiment.cradle)
+        except ValueError:
+            return False
+        return True
+
     def newton_exponent(self) -> np.ndarray:
-        """Samples of λ [1/s] of the first run's δ and release over 1 to 60 s, simulated; empty for one bob."""
-        if self.experiment.cradle.bobs == 1:
+        """Samples of λ [1/s] of the first run's δ and release over 1 to 60 s, simulated; empty where there is none."""
+        if not self.synchronizes:
             return np.empty(0)
         if self.newton_exponents is not None:
             return self.newton_exponents.ravel()
@@ -165,8 +174,6 @@ class Posterior:
             angle = release.lead(self.experiment.cradle)[1] if release_angle is None else release_angle
             lifted = 1 if release.angle is None else release.bobs
             release = Release(angle=angle, bobs=lifted, start=release.start)
-            if angle == 0.0:
-                raise ValueError("release angle is 0 rad; σ and λ are relative to it, so lift a bob")
         cradles, releases = [], []
         for point in self.draws(count):
             values = self.likelihood.values(point)
@@ -181,8 +188,7 @@ class Posterior:
             # A stated angle is taken as exact; the run's own is as uncertain as the calibration left it.
             error = values.get("release_angle_error@1", 0.0) if release_angle is None else 0.0
             releases.append(lifted_further(release, error))
-        if cradles[0].bobs == 1:
-            raise ValueError("one bob has nothing to synchronize with; predict for 2 bobs or more")
+        release.check_synchronizes(cradles[0])
         runs = simulate_batch(
             cradles, releases, duration, sample_rate, step_factor=STEP_FACTOR, workers=self.likelihood.workers
         )

@@ -56,12 +56,12 @@ def save_run(
 
     assert isinstance(run.release, Release)
     energy = run.energy()
-    pairs = run.cradle.bobs > 1
+    sigma, rate, none_because = None, None, None
     try:
-        sigma = run.sigma() if pairs else None
-    except ValueError:  # too sparse or too short for the envelopes
-        sigma = None
-    rate = None if sigma is None else run.newton_exponent()
+        run.release.check_synchronizes(run.cradle)
+        sigma, rate = run.sigma(), run.newton_exponent()
+    except ValueError as problem:  # or too sparse or too short for the envelopes
+        none_because = str(problem)
     whole = run.t[-1] - 0.5 * ENVELOPE_PERIODS * run.cradle.period  # the last whole envelope
     summary = {
         "format": RUN_FORMAT,
@@ -73,6 +73,7 @@ def save_run(
         "duration_s": float(run.t[-1]),
         "lambda": None if rate is None else {"unit": "1/s", "value": rate, "window_s": window_of(run.t)},
         "sigma_final": None if sigma is None else float(np.interp(whole, run.t, sigma)),
+        "no_sigma_because": none_because,
         "impacts": len(run.impacts),
         "energy_J": {
             name: {"start": getattr(energy, name)[0], "end": getattr(energy, name)[-1]}
@@ -103,7 +104,7 @@ def save_calibration(posterior: Posterior, folder: Path, tell: Tell = lambda *_:
         "residuals.png": plots.residual_figure,
         "lambda.png": plots.lambda_figure,
     }
-    if posterior.experiment.cradle.bobs == 1:
+    if not posterior.synchronizes:
         del draw["lambda.png"]
     pictures: dict[str, bytes] = {}
     for name, figure in draw.items():

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cradle_env.cradle import Cradle
+from cradle_env.cradle import Cradle, Release
 from cradle_env.synchronization import ENVELOPE_PERIODS, FLOOR
 from cradle_env.trajectory import Trajectory
 from identification.posterior import Posterior, Prediction, statistics
@@ -187,8 +187,10 @@ def _show_peaks(axes: Axes, run: Trajectory) -> None:
 def _show_sigma(axes: Axes, run: Trajectory) -> None:
     """σ(t) and exp(−λt)."""
     try:
+        if isinstance(run.release, Release):
+            run.release.check_synchronizes(run.cradle)
         values, rate = run.sigma(), run.newton_exponent()
-    except ValueError as problem:  # too sparse or too short for the envelopes
+    except ValueError as problem:  # or too sparse or too short for the envelopes
         axes.text(0.5, 0.5, textwrap.fill(str(problem), 34), ha="center", va="center", transform=axes.transAxes)
         axes.set_axis_off()
         return

@@ -165,6 +165,13 @@ def test_simulate_where_sigma_is_not_defined_or_bobs_are_many(arguments, tmp_pat
     json.loads((tmp_path / "summary.json").read_text())
 
 
+def test_simulate_says_why_there_is_no_exponent(tmp_path, capsys):
+    assert run("simulate", "--bobs", 2, "--lifted", 2, "--duration", 2, "--out", tmp_path) == 0
+    assert "– (all 2 bobs are lifted alike" in capsys.readouterr().out
+    summary = json.loads((tmp_path / "summary.json").read_text())
+    assert (summary["lambda"], summary["sigma_final"]) == (None, None)
+
+
 def test_simulate_makes_an_experiment_and_reads_one(tmp_path):
     first, second = tmp_path / "first", tmp_path / "second"
     simulated = ["--bobs", 2, "--duration", 3, "--sample-rate", 60, "--effect", "angle_offset.offset=0.01"]

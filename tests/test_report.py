@@ -7,10 +7,11 @@ import re
 import numpy as np
 import pytest
 
-from cradle_env import Cradle
+from cradle_env import Cradle, Release
 from identification import plots, results
 from identification.experiment import Experiment
 from identification.posterior import Gap, Posterior
+from identification.runs import ReleaseInfo
 from identification.style import png
 from identification.wording import Rounding, markup, mathtext, shown, unit_markup, unit_plain
 from tests.synthetic import made_up_posterior, simulated_run
@@ -66,6 +67,15 @@ def test_pictures_and_report_of_any_experiment(kind, tmp_path, monkeypatch):
     assert all(image["alt"] and image["src"].startswith("data:image/png;base64,") for image in page.images)
     assert json.loads((tmp_path / "summary.json").read_text())["format"] == summary["format"] == "cradle-posterior/1"
     assert not [path for path in tmp_path.iterdir() if path.name.endswith(".part")]
+
+
+def test_bobs_that_were_lifted_alike_have_no_exponent(tmp_path):
+    cradle, release = Cradle(bobs=2), ReleaseInfo(Release(angle=0.2, bobs=2))
+    posterior = made_up_posterior(Experiment(cradle, (simulated_run(cradle, duration=4.0, release=release),)), steps=20)
+    assert results.save_calibration(posterior, tmp_path)["lambda"] is None
+    assert not (tmp_path / "lambda.png").exists()
+    with pytest.raises(ValueError, match="all 2 bobs are lifted alike"):
+        posterior.predict()
 
 
 @pytest.mark.parametrize(("gap", "converged"), [(1.02, True), (3.1, True), (1.02, False), (3.1, False)])

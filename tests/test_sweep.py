@@ -77,6 +77,12 @@ def test_impossible_points_are_nan_and_counted_by_reason():
     assert said.items() <= counts.items() and sum(counts.values()) == 7 and len(counts) == 3
 
 
+def test_bobs_that_are_lifted_alike_have_no_exponent():
+    swept = sweep(Grid({"lifted": [1, 2]}, PAIR, RELEASE), duration=3.0)
+    assert np.isfinite(swept["lambda"]).tolist() == [True, False]
+    assert swept.failures() == {"all 2 bobs are lifted alike and have nothing to synchronize with; lift fewer": 1}
+
+
 def test_no_possible_point_is_refused():
     with pytest.raises(ValueError, match="none of the 2 points can be simulated: delta is -2"):
         sweep(Grid({"delta": [-2.0, -1.0]}, PAIR, RELEASE))

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from cradle_env.cradle import Release
 from cradle_env.errors import unknown_key
 from cradle_env.trajectory import Trajectory
 
@@ -34,20 +35,18 @@ class Quantity:
 
 
 def _newton_exponent(run: Trajectory) -> float:
-    _require_sigma(run)
+    _check_synchronizes(run)
     return run.newton_exponent()
 
 
 def _sigma(run: Trajectory) -> np.ndarray:
-    _require_sigma(run)
+    _check_synchronizes(run)
     return run.sigma()
 
 
-def _require_sigma(run: Trajectory) -> None:
-    if run.cradle.bobs == 1:
-        raise ValueError("one bob has nothing to synchronize with; take 2 bobs or more")
-    if run.lead()[1] == 0.0:
-        raise ValueError("release angle is 0 rad; σ is relative to it, so lift a bob")
+def _check_synchronizes(run: Trajectory) -> None:
+    assert isinstance(run.release, Release)
+    run.release.check_synchronizes(run.cradle)
 
 
 def synchronized(run: Trajectory) -> int | None:
