@@ -22,7 +22,7 @@ class Quantity:
     """What is measured of a run: measure(run) gives a number, or with `series` one for each of run.t, (T,).
 
     ledger: measure needs the energy ledger, with which a run takes about twice as long. `measure` must be a function
-    of a module where it has to travel to other processes.
+    of a module where it has to travel to other processes; once it is edited, a sweep does not go on in its old folder.
     """
 
     name: str
