@@ -114,19 +114,25 @@ def simulate(
         typer.Option("--experiment", help="Also write experiment.toml with run1.csv, for calibrate: what the model's"
                      " instrument would show, with noise. Its stated parameters are the true ones."),
     ] = False,
-    noise: Annotated[float, typer.Option(help="rad, 1 sigma of a reading, with --experiment.")] = 1e-3,
+    noise: Annotated[
+        float | None, typer.Option(help="rad, 1 sigma of a reading, with --experiment.", show_default="0.001")
+    ] = None,
     seed: Seed = 0,
     workers: NoWorkers = None,
 ) -> None:  # fmt: skip
     """Simulate one run: trajectory.csv, impacts.csv, summary.json and run.png."""
     from identification import commands
 
+    if experiment:
+        noise = 1e-3 if noise is None else noise
+    elif noise is not None:
+        raise ValueError(f"noise is {noise:g} rad, but only an experiment has readings; add --experiment, or omit it")
     fields = {"bobs": bobs, "model": model, "beta": beta, "kappa": kappa, "k_f": k_f, "b": b}
     cradle, release = commands.described(
         source, fields, delta, effect or [], set_ or [], angle=release_angle, lifted=lifted, start=start
     )
     with _kept("nothing was written that was not finished"):
-        commands.simulate(cradle, release, duration, sample_rate, out, noise if experiment else None, seed)
+        commands.simulate(cradle, release, duration, sample_rate, out, noise, seed)
 
 
 @app.command()

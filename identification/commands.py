@@ -14,7 +14,7 @@ import numpy as np
 
 from cradle_env import simulation
 from cradle_env.cradle import STANDARD_BETA, Cradle, Release
-from cradle_env.errors import check_range, unknown_key
+from cradle_env.errors import unknown_key
 from cradle_env.model_files import read_model
 from identification import results
 from identification.experiment import Experiment
@@ -23,7 +23,7 @@ from identification.files import check_own, check_report
 from identification.measurement import Instrument
 from identification.posterior import FORMAT as POSTERIOR_FORMAT
 from identification.posterior import Posterior
-from identification.runs import ReleaseInfo, Run
+from identification.runs import ReleaseInfo, Run, checked_noise
 from identification.terminal import Progress, print_table
 from identification.wording import convergence_verdict, model_verdict, number, ratio, rounding_of, shown, unit_plain
 
@@ -127,7 +127,7 @@ def simulate(
 ) -> None:
     """Simulates one run and writes it; with noise [rad], an experiment with its data too."""
     if noise is not None:
-        check_range("noise", noise, "rad", 0.0, above=True)
+        checked_noise(noise, "rad")
     written = (*results.RUN_FILES, *(() if noise is None else (FILE_NAME, Run.file)))
     check_own(out, (results.SUMMARY, *written), results.SUMMARY, results.RUN_FORMAT)
     with Progress() as progress:

@@ -75,6 +75,7 @@ def calibrated(pair, tmp_path_factory):
         (["simulate", "--out", "o", "--bobs", "3", "--set", "bobs=4"], "give --bobs 4"),
         (["simulate", "--out", "o", "--set", "beta=0.1"], "give --beta 0.1"),
         (["simulate", "--out", "o", "--experiment", "--noise", "-1"], "noise is -1"),
+        (["simulate", "--out", "o", "--noise", "-3"], "noise is -3 rad, but only an experiment has readings"),
         (["simulate", "--out", ".", "--experiment"], "experiment.toml: exists and is no result of this command"),
         (["design", "experiment.toml", "--out", "."], "experiment.toml: exists and is no result of this command"),
         (["simulate", "--out", "o", "--beta", "1e-200"], "beta is 1e-200"),
@@ -215,6 +216,12 @@ def test_simulate_beside_an_experiment_leaves_its_data(pair, tmp_path, capsys):
     assert run(*command, "--experiment") == 2
     assert "experiment.toml: exists and is no result of this command" in refusal(capsys)
     assert (tmp_path / "run1.csv").read_bytes() == before
+
+
+def test_noise_that_no_simulation_resolves_is_refused_before_one_is_made(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr("identification.commands.simulation", None)
+    assert run("simulate", "--experiment", "--noise", 1e-9, "--out", tmp_path) == 2
+    assert "noise is 1e-09 rad; it must be at least 1e-07" in refusal(capsys)
 
 
 def test_effects_are_taken_out_and_beta_is_of_the_lengths_set(tmp_path):
