@@ -8,10 +8,12 @@ import sys
 import numpy as np
 import pytest
 
-from cradle_env import Cradle
+from cradle_env import Cradle, Release, simulate
 from identification import cli
 from identification.experiment import Experiment
 from identification.posterior import Posterior
+from identification.sweep import Grid
+from identification.sweep import command as sweep_command
 from tests.synthetic import made_up_posterior, simulated_run
 
 PNG_END = b"IEND\xaeB`\x82"
@@ -280,6 +282,25 @@ def test_sweep_tells_what_does_not_matter(tmp_path, capsys):
     assert told.startswith("cradle: beta does not matter") and told.count("\n") == 1
     assert run("sweep", "--over", "beta=0.1,0.2", *settings[2:], tmp_path / "elastic") == 0
     assert "does not matter" not in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("axis", "idle", "busy"),
+    [
+        ("alpha=0.03,0.04", {"effects": {"-velocity_dependent_restitution": {}}}, {}),
+        ("n=0.1,0.2", {"bobs": 1}, {"power_law": (0.03, 0.2)}),
+        ("pivot_half_spacing=0.05,0.1", {"model": "pendulum"}, {}),
+        ("youngs_modulus=1e11,2e11", {"power_law": (0.03, 0.2)}, {}),
+        ("poisson_ratio=0.1,0.3", {"effects": {"-velocity_dependent_restitution": {}}}, {"model": "ho"}),
+    ],
+)
+def test_what_is_said_not_to_matter_leaves_the_motion_as_it_is(axis, idle, busy):
+    name, values = sweep_command.axis(axis)
+    for fields, matters in ((idle, False), (busy, True)):
+        grid = Grid({name: values}, Cradle(**{"bobs": 2, **fields}), Release(angle=0.2))
+        assert sweep_command._idle(grid) == ([] if matters else [name])
+        one, other = (simulate(*grid.point(i), 2.0).theta for i in range(2))
+        assert np.array_equal(one, other) is not matters
 
 
 def test_sweep_makes_a_page(tmp_path, capsys):
