@@ -57,13 +57,18 @@ class Convergence:
 
 @dataclass(frozen=True)
 class Prediction:
-    """σ(t) and λ of a cradle over draws of a posterior: t (T,) [s], sigma (K, T), newton_exponent (K,) [1/s]."""
+    """σ(t) and λ of a cradle over draws of a posterior: t (T,) [s], sigma (K, T), newton_exponent (K,) [1/s].
+
+    cradle: that of the first draw, with δ as stated or, where it was inferred, at its median over the draws; gaps:
+    (K, N − 1) δ of each gap in each draw, with what effects add.
+    """
 
     cradle: Cradle
     release: Release
     t: np.ndarray
     sigma: np.ndarray
     newton_exponent: np.ndarray
+    gaps: np.ndarray
 
     def summary(self) -> dict[str, Any]:
         """Mean, sd, median and intervals of λ, as in a calibration's summary."""
@@ -192,12 +197,14 @@ class Posterior:
         runs = simulate_batch(
             cradles, releases, duration, sample_rate, step_factor=STEP_FACTOR, workers=self.likelihood.workers
         )
+        inferred = "delta" in self.likelihood.names and delta is None
         return Prediction(
-            cradles[0],
+            cradles[0].replace(delta=float(np.median([c.delta for c in cradles]))) if inferred else cradles[0],
             release,
             runs[0].t,
             np.array([run.sigma() for run in runs]),
             np.array([run.newton_exponent() for run in runs]),
+            np.array([cradle.gaps for cradle in cradles]),
         )
 
     def summary(self) -> dict[str, Any]:

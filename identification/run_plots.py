@@ -53,12 +53,22 @@ def _synchronization_figure(prediction: Prediction, rates: np.ndarray) -> Figure
     if found["median"] is not None:
         _show_decay(right, prediction.t, found["median"])
     _sigma_axes(right, prediction.t, float(bands["ci95"][0][seen].min()))
-    cradle, angle = prediction.cradle, prediction.release.lead(prediction.cradle)[1]
-    gaps = cradle.gaps
-    delta = f"δ = {gaps[0]:.3g}" if np.ptp(gaps) == 0.0 else f"δ = {gaps.min():.3g} to {gaps.max():.3g}"
-    right.set_title(f"{cradle.bobs} bobs, {delta}, released at {angle:.3g} rad".replace("-", "−"))
+    bobs, angle = prediction.cradle.bobs, prediction.release.lead(prediction.cradle)[1]
+    right.set_title(f"{bobs} bobs, {_delta(prediction.gaps)}, released at {angle:.3g} rad".replace("-", "−"))
     right.legend(loc="upper right")
     return figure
+
+
+def _delta(gaps: np.ndarray) -> str:
+    """δ of gaps (K, N − 1) over draws, in words: of all gaps with its uncertainty, or from the least to the largest."""
+    medians = np.median(gaps, axis=0)
+    if np.ptp(medians) > 0.0:
+        return f"δ = {medians.min():.3g} to {medians.max():.3g}"
+    if np.ptp(gaps[:, 0]) == 0.0:
+        return f"δ = {medians[0]:.3g}"
+    found = statistics(gaps[:, 0])
+    text, scale = shown(found), rounding_of(found).exponent
+    return f"δ = ({text['median']} ± {text['sd']})" + (rf"$\,\times\,10^{{{scale}}}$" if scale else "")
 
 
 def _show_rates(axes: Axes, rates: np.ndarray) -> None:
