@@ -14,6 +14,7 @@ import numpy as np
 
 from cradle_env import simulation
 from cradle_env.cradle import STANDARD_BETA, Cradle, Release
+from cradle_env.effects import effect
 from cradle_env.errors import unknown_key
 from cradle_env.model_files import read_model
 from identification import results
@@ -45,13 +46,18 @@ def described(
     lifted: int | None,
     start: str | None,
 ) -> tuple[Cradle, Release]:
-    """The cradle and the release that a command line describes; None: as in the source file, or the default."""
-    cradle, release = Cradle(), Release(angle=_ANGLE)
+    """The cradle and the release that a command line describes; None: as in the source file, or the default. What the
+    source leaves open, and what is taken for it, is told on stderr."""
+    cradle, release, unstated = Cradle(), Release(angle=_ANGLE), ()
     if source is not None:
         experiment = Experiment.load(source)
         run = experiment.runs[0]
-        cradle = experiment.cradle_of(run)
-        release = release if run.release is None else run.release.release
+        cradle, unstated = experiment.cradle_of(run), experiment.unknown_effect_parameters
+        if run.release is not None:
+            release = run.release.release
+        elif angle is None:
+            told = f"the first run of {source} states no release; {_ANGLE:g} rad is taken"
+            print(f"cradle: {told}; --release-angle states another", file=sys.stderr)
     values = {name: value for name, value in fields.items() if value is not None}
     if delta is not None:
         gaps = tuple(_number("delta", gap) for gap in delta.split(","))
@@ -61,6 +67,7 @@ def described(
     values |= dict(_setting(text) for text in settings)
     if str(values.get("model", "")).lower().endswith(".toml"):
         values["model"], values["effects"] = read_model(Path(values["model"]))
+        unstated = ()
     if effects:
         values["effects"] = _with_effects(values.get("effects", cradle.effects), effects)
     beta = values.pop("beta", None)
@@ -69,6 +76,12 @@ def described(
     if source is None and beta is None and "kappa" not in values:
         beta = STANDARD_BETA  # of the masses and lengths that are set here
     cradle = cradle.replace(beta=beta, **values)
+    for name in unstated:
+        of, _, key = name.partition(".")
+        if cradle.has(of) and not any(text.startswith(f"{name}=") for text in effects):
+            unit = next(p.unit for p in effect(of).parameters if p.key == key)
+            told = f"{source} states no {name}; {cradle.effects[of][key]} {unit_plain(unit)}".rstrip() + " is taken"
+            print(f"cradle: {told}; --effect {name}=VALUE states another", file=sys.stderr)
     if angle is not None or lifted is not None:
         release = Release(
             angle=release.lead(cradle)[1] if angle is None else angle,

@@ -234,6 +234,22 @@ def test_effects_are_taken_out_and_beta_is_of_the_lengths_set(tmp_path):
     assert cradle["groups"]["beta"] == pytest.approx(0.114)
 
 
+def test_what_the_source_leaves_open_is_told(tmp_path, capsys):
+    cradle = Cradle(bobs=2, effects={"quadratic_drag": {"c2": 0.01}})
+    free = simulated_run(cradle, duration=2.0, state="free", release=None)
+    path = Experiment(cradle, (free,), unknown_effect_parameters=("quadratic_drag.c2",)).save(tmp_path)
+    command = ["simulate", "--from", path, "--duration", 1, "--out", tmp_path / "o"]
+    assert run(*command) == 0
+    release, parameter = capsys.readouterr().err.splitlines()
+    assert release.startswith("cradle: the first run of") and "0.228 rad is taken" in release
+    taken = json.loads((tmp_path / "o" / "summary.json").read_text())["cradle"]["effects"]["quadratic_drag"]["c2"]
+    assert f"states no quadratic_drag.c2; {taken} kg/m is taken; --effect quadratic_drag.c2=VALUE" in parameter
+    assert run(*command, "--release-angle", 0.2, "--effect", "quadratic_drag.c2=0.01") == 0
+    assert capsys.readouterr().err == ""
+    assert run(*command, "--release-angle", 0.2, "--effect=-quadratic_drag") == 0
+    assert capsys.readouterr().err == ""
+
+
 def test_a_model_with_a_value_per_gap_is_put_on_as_many_bobs_as_are_asked_for(tmp_path):
     model = tmp_path / "model.toml"
     model.write_text('[model]\neffects = ["spacer_offset"]\nparameters = {spacer_offset = {offset = [0.001, 0.002]}}\n')
