@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from cradle_env.cradle import Cradle, Release
+from cradle_env.errors import check_range
 from cradle_env.simulation import simulate_batch
 from cradle_env.synchronization import WINDOW, window_of
 from identification.experiment import Experiment
@@ -173,6 +174,7 @@ class Posterior:
     ) -> Prediction:
         """σ(t) and λ at any δ, release angle [rad] and number of bobs, over `count` draws; the first run's where
         omitted. Raises ValueError for impossible settings."""
+        count = int(check_range("count", count, "", 1, remedy="each draw of the posterior is a run"))
         release, calibrated = self.release(), self.experiment.cradle.bobs
         bobs = calibrated if bobs is None else bobs
         if release_angle is not None or bobs != calibrated:

@@ -408,6 +408,11 @@ def test_asking_for_what_was_calibrated_changes_nothing(calibrated):
     np.testing.assert_array_equal(own.sigma, asked.sigma)
 
 
+def test_a_prediction_takes_a_draw_at_least(calibrated):
+    with pytest.raises(ValueError, match="count is 0; it must be at least 1"):
+        Posterior.load(calibrated / "posterior.nc").predict(count=0)
+
+
 def test_prediction_follows_its_seed(calibrated):
     posterior = Posterior.load(calibrated / "posterior.nc")
     np.testing.assert_array_equal(posterior.draws(5), posterior.draws(5))
