@@ -282,6 +282,19 @@ def test_sweep(tmp_path, capsys):
     assert "another sweep" in refusal(capsys)
 
 
+def test_a_sweep_replaces_only_its_own_tables(tmp_path, capsys):
+    (tmp_path / "run1.csv").write_text("measured")
+    command = ["sweep", "--over", "delta=0,0.001", "--bobs", 2, "--duration", 2, "--out", tmp_path, "--table"]
+    for table in ("sweep.csv", "t.csv", "sweep.csv"):
+        assert run(*command, table) == 0
+    capsys.readouterr()
+    for table in ("run1.csv", "t.csv"):
+        (tmp_path / table).write_text("measured")
+        assert run(*command, table) == 2
+        assert f"{table}: exists and is no result of this command" in refusal(capsys)
+        assert (tmp_path / table).read_text() == "measured"
+
+
 def test_sweep_tells_what_was_never_reached(tmp_path, capsys):
     """No pair is synchronized after 3 s, so there is no time of it."""
     settings = ["--over", "delta=0,0.001", "--bobs", 2, "--duration", 3, "--quantity", "synchronization_time"]
