@@ -154,7 +154,7 @@ def simulate(
     rate, groups = summary["lambda"], summary["cradle"]["groups"] | {"gamma": summary["release"]["gamma"]}
     symbols = {"alpha": "α", "n": "n", "beta": "β", "gamma": "γ"}
     rows = [
-        ("λ", f"– ({summary['no_sigma_because']})" if rate is None else f"{number(rate['value'], 5)} 1/s"),
+        ("λ", f"– ({summary['no_lambda_because']})" if rate is None else f"{number(rate['value'], 5)} 1/s"),
         ("σ at the end", number(summary["sigma_final"])),
         ("impacts", str(summary["impacts"])),
         ("groups", ", ".join(f"{symbol} = {number(groups[key], 4)}" for key, symbol in symbols.items())),

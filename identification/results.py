@@ -10,7 +10,7 @@ import numpy as np
 
 from cradle_env import __version__
 from cradle_env.cradle import Cradle, Release
-from cradle_env.synchronization import ENVELOPE_PERIODS, window_of
+from cradle_env.synchronization import ENVELOPE_PERIODS, check_duration, window_of
 from cradle_env.trajectory import Trajectory
 from identification.csv_data import csv_text
 from identification.experiment import Experiment
@@ -59,7 +59,9 @@ def save_run(
     sigma, rate, none_because = None, None, None
     try:
         run.release.check_synchronizes(run.cradle)
-        sigma, rate = run.sigma(), run.newton_exponent()
+        sigma = run.sigma()
+        check_duration(run.t[-1])
+        rate = run.newton_exponent()
     except ValueError as problem:  # or too sparse or too short for the envelopes
         none_because = str(problem)
     whole = run.t[-1] - 0.5 * ENVELOPE_PERIODS * run.cradle.period  # the last whole envelope
@@ -73,7 +75,7 @@ def save_run(
         "duration_s": float(run.t[-1]),
         "lambda": None if rate is None else {"unit": "1/s", "value": rate, "window_s": window_of(run.t)},
         "sigma_final": None if sigma is None else float(np.interp(whole, run.t, sigma)),
-        "no_sigma_because": none_because,
+        "no_lambda_because": none_because,
         "impacts": len(run.impacts),
         "energy_J": {
             name: {"start": getattr(energy, name)[0], "end": getattr(energy, name)[-1]}

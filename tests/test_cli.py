@@ -168,11 +168,15 @@ def test_simulate_where_sigma_is_not_defined_or_bobs_are_many(arguments, tmp_pat
     json.loads((tmp_path / "summary.json").read_text())
 
 
-def test_simulate_says_why_there_is_no_exponent(tmp_path, capsys):
-    assert run("simulate", "--bobs", 2, "--lifted", 2, "--duration", 2, "--out", tmp_path) == 0
-    assert "– (all 2 bobs are lifted alike" in capsys.readouterr().out
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [(["--lifted", 2, "--duration", 2], "all 2 bobs are lifted alike"), (["--duration", 0.5], "duration is 0.5 s")],
+)
+def test_simulate_says_why_there_is_no_exponent(arguments, said, tmp_path, capsys):
+    assert run("simulate", "--bobs", 2, *arguments, "--out", tmp_path) == 0
+    assert f"– ({said}" in capsys.readouterr().out
     summary = json.loads((tmp_path / "summary.json").read_text())
-    assert (summary["lambda"], summary["sigma_final"]) == (None, None)
+    assert summary["lambda"] is None and (summary["sigma_final"] is None) is (2 in arguments)
 
 
 def test_simulate_makes_an_experiment_and_reads_one(tmp_path):

@@ -85,6 +85,11 @@ def test_bobs_that_are_lifted_alike_have_no_exponent():
     assert swept.failures() == {"all 2 bobs are lifted alike and have nothing to synchronize with; lift fewer": 1}
 
 
+def test_runs_too_short_for_the_exponent_are_refused():
+    with pytest.raises(ValueError, match="duration is 1 s; λ takes more than 1 s"):
+        sweep(Grid({"delta": [0.0, 0.01]}, PAIR, RELEASE), duration=1.0)
+
+
 def test_no_possible_point_is_refused():
     with pytest.raises(ValueError, match="none of the 2 points can be simulated: delta is -2"):
         sweep(Grid({"delta": [-2.0, -1.0]}, PAIR, RELEASE))

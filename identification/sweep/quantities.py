@@ -11,6 +11,7 @@ import numpy as np
 
 from cradle_env.cradle import Release
 from cradle_env.errors import unknown_key
+from cradle_env.synchronization import check_duration
 from cradle_env.trajectory import Trajectory
 
 #: Bobs count as synchronized from where on σ stays below this for a whole period.
@@ -36,6 +37,7 @@ class Quantity:
 
 def _newton_exponent(run: Trajectory) -> float:
     _check_synchronizes(run)
+    check_duration(run.t[-1])
     return run.newton_exponent()
 
 
