@@ -264,11 +264,12 @@ def sweep(
     from identification import commands
     from identification.sweep import command
 
+    axes = tuple(over or ())
     fields = {"bobs": bobs, "model": model, "beta": beta, "kappa": kappa, "k_f": k_f, "b": b}
     cradle, release = commands.described(
-        source, fields, delta, effect or [], set_ or [], angle=release_angle, lifted=lifted, start=start
+        source, fields, delta, effect or [], set_ or [], angle=release_angle, lifted=lifted, start=start, over=axes
     )
-    asked = command.Asked(tuple(over or ()), tuple(quantity or ("lambda",)), times, table, explore)
+    asked = command.Asked(axes, tuple(quantity or ("lambda",)), times, table, explore)
     with _kept(f"{out / 'runs.npy'} holds the runs that were finished, and the same command goes on from there"):
         command.run(cradle, release, asked, duration, sample_rate, out, seed, workers)
 

@@ -45,9 +45,10 @@ def described(
     angle: float | None,
     lifted: int | None,
     start: str | None,
+    over: Sequence[str] = (),
 ) -> tuple[Cradle, Release]:
     """The cradle and the release that a command line describes; None: as in the source file, or the default. What the
-    source leaves open, and what is taken for it, is told on stderr."""
+    source leaves open, and what is taken for it, is told on stderr. over: "name=values" of what is swept."""
     cradle, release, unstated = Cradle(), Release(angle=_ANGLE), ()
     if source is not None:
         experiment = Experiment.load(source)
@@ -55,7 +56,7 @@ def described(
         cradle, unstated = experiment.cradle_of(run), experiment.unknown_effect_parameters
         if run.release is not None:
             release = run.release.release
-        elif angle is None:
+        elif angle is None and not any(text.startswith(("release_angle=", "gamma=")) for text in over):
             told = f"the first run of {source} states no release; {_ANGLE:g} rad is taken"
             print(f"cradle: {told}; --release-angle states another", file=sys.stderr)
     values = {name: value for name, value in fields.items() if value is not None}
@@ -78,7 +79,7 @@ def described(
     cradle = cradle.replace(beta=beta, **values)
     for name in unstated:
         of, _, key = name.partition(".")
-        if cradle.has(of) and not any(text.startswith(f"{name}=") for text in effects):
+        if cradle.has(of) and not any(text.startswith(f"{name}=") for text in (*effects, *over)):
             unit = next(p.unit for p in effect(of).parameters if p.key == key)
             told = f"{source} states no {name}; {cradle.effects[of][key]} {unit_plain(unit)}".rstrip() + " is taken"
             print(f"cradle: {told}; --effect {name}=VALUE states another", file=sys.stderr)

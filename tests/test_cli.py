@@ -252,6 +252,9 @@ def test_what_the_source_leaves_open_is_told(tmp_path, capsys):
     assert capsys.readouterr().err == ""
     assert run(*command, "--release-angle", 0.2, "--effect=-quadratic_drag") == 0
     assert capsys.readouterr().err == ""
+    swept = ["--over", "release_angle=0.1,0.2", "--over", "quadratic_drag.c2=0.01,0.02", "--duration", 2]
+    assert run("sweep", "--from", path, *swept, "--out", tmp_path / "swept") == 0
+    assert capsys.readouterr().err == ""
 
 
 def test_a_model_with_a_value_per_gap_is_put_on_as_many_bobs_as_are_asked_for(tmp_path):
