@@ -297,6 +297,16 @@ class Release:
         end = int(lifted[-1] if np.isfinite(angles[-1]) or not np.isfinite(angles[0]) else lifted[0])
         return end, float(abs(angles[end]))
 
+    def check_synchronizes(self, cradle: Cradle) -> None:
+        """ValueError where bobs let go like this have nothing to synchronize with: σ and λ would mean nothing."""
+        angles, bobs = np.nan_to_num(self.angles_of(cradle)), cradle.bobs
+        if bobs == 1:
+            raise ValueError("one bob has nothing to synchronize with; take 2 bobs or more")
+        if not angles.any():
+            raise ValueError("release angle is 0 rad; σ and λ are relative to it, so lift a bob")
+        if np.ptp(angles) == 0.0:
+            raise ValueError(f"all {bobs} bobs are lifted alike and have nothing to synchronize with; lift fewer")
+
     def gamma(self, cradle: Cradle) -> float:
         """γ = θ0²/6."""
         return self.lead(cradle)[1] ** 2 / 6.0

@@ -14,7 +14,7 @@ from cradle_env.cradle import Cradle, Release
 from cradle_env.settings import Settings
 from cradle_env.simulation import equilibrium, simulate
 from cradle_env.spaces import action_space, rounded
-from cradle_env.synchronization import WINDOW
+from cradle_env.synchronization import check_duration
 
 #: Instants at which σ is shown, as parts of the duration.
 FEATURES = np.arange(1, 13) / 12.0
@@ -62,9 +62,9 @@ class NewtonCradleReleaseEnv(gym.Env[np.ndarray, np.ndarray]):
 
     ## Arguments
 
-    Those of `NewtonCradle-v0` that describe a cradle, `actions`, their ranges, `duration` (more than 1 s), `reward` and
-    `dtype`;
-    `reset(options=...)` likewise. Where settings are ranges, every episode draws a new cradle.
+    Those of `NewtonCradle-v0` that describe a cradle (`released_bobs` less than `bobs`), `actions`, their ranges,
+    `duration` (more than 1 s), `reward` and `dtype`; `reset(options=...)` likewise. Where settings are ranges, every
+    episode draws a new cradle.
 
     ## Version history
 
@@ -78,8 +78,9 @@ class NewtonCradleReleaseEnv(gym.Env[np.ndarray, np.ndarray]):
             raise ValueError(f"render_mode is {render_mode!r}; one step is a whole experiment, which has no picture")
         self.render_mode = None
         self.settings = Settings.of(**settings)
-        if self.settings.duration <= WINDOW[0]:
-            raise ValueError(f"duration is {self.settings.duration:g} s; λ takes more than {WINDOW[0]:g} s")
+        check_duration(self.settings.duration)
+        lifted = Release(angle=1.0, bobs=self.settings.released_bobs)  # to whatever angle
+        lifted.check_synchronizes(Cradle(bobs=self.settings.bobs))
         self.action_space = action_space(self.settings)
         self._shape = self.action_space.shape
         low = np.concatenate([np.zeros(len(FEATURES)), [-1.0, -1.0, 0.0]])

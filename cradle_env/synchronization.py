@@ -39,6 +39,12 @@ def window_of(t: np.ndarray) -> list[float]:
     return [WINDOW[0], float(min(WINDOW[1], t[-1]))]
 
 
+def check_duration(duration: float) -> None:
+    """ValueError where a run of this duration [s] is too short for λ."""
+    if duration <= WINDOW[0]:
+        raise ValueError(f"duration is {duration:g} s; λ takes more than {WINDOW[0]:g} s, so simulate longer")
+
+
 def newton_exponent(t: np.ndarray, sigma: np.ndarray, window: tuple[float, float] = WINDOW) -> float | np.ndarray:
     """λ = ⟨t⁻¹ ln σ⁻¹⟩ [1/s] over window[0] < t ≤ window[1] where σ > 1e-3; nan where there is no such t.
 

@@ -37,9 +37,8 @@ def calibrate(
     ValueError for what cannot be calibrated.
     """
     tell = progress or (lambda *_: None)
-    for name, value in (("steps", steps), ("max_steps", max_steps)):
-        if value is not None:
-            check_range(name, value, "", 50, remedy="fewer tell nothing about convergence")
+    max_steps = _checked_steps("max_steps", max_steps)
+    steps = None if steps is None else _checked_steps("steps", steps)
     likelihood = Likelihood(experiment, workers=workers, parameters=parameters)
     with TemporaryDirectory() as scratch:
         folder = Path(scratch if out is None else out)
@@ -58,6 +57,10 @@ def calibrate(
     posterior = Posterior(likelihood, kept.chain, kept.log_density, rates, verdict, Gap(np.nan, np.nan), seed)
     tell("gap", 0.0, "fit to the training part")
     return dataclasses.replace(posterior, gap=measure_gap(posterior))
+
+
+def _checked_steps(name: str, steps: float) -> int:
+    return int(check_range(name, steps, "", 50, remedy="fewer tell nothing about convergence"))
 
 
 def measure_gap(posterior: Posterior) -> Gap:

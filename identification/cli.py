@@ -114,19 +114,25 @@ def simulate(
         typer.Option("--experiment", help="Also write experiment.toml with run1.csv, for calibrate: what the model's"
                      " instrument would show, with noise. Its stated parameters are the true ones."),
     ] = False,
-    noise: Annotated[float, typer.Option(help="rad, 1 sigma of a reading, with --experiment.")] = 1e-3,
+    noise: Annotated[
+        float | None, typer.Option(help="rad, 1 sigma of a reading, with --experiment.", show_default="0.001")
+    ] = None,
     seed: Seed = 0,
     workers: NoWorkers = None,
 ) -> None:  # fmt: skip
     """Simulate one run: trajectory.csv, impacts.csv, summary.json and run.png."""
     from identification import commands
 
+    if experiment:
+        noise = 1e-3 if noise is None else noise
+    elif noise is not None:
+        raise ValueError(f"noise is {noise:g} rad, but only an experiment has readings; add --experiment, or omit it")
     fields = {"bobs": bobs, "model": model, "beta": beta, "kappa": kappa, "k_f": k_f, "b": b}
     cradle, release = commands.described(
         source, fields, delta, effect or [], set_ or [], angle=release_angle, lifted=lifted, start=start
     )
     with _kept("nothing was written that was not finished"):
-        commands.simulate(cradle, release, duration, sample_rate, out, noise if experiment else None, seed)
+        commands.simulate(cradle, release, duration, sample_rate, out, noise, seed)
 
 
 @app.command()
@@ -258,11 +264,12 @@ def sweep(
     from identification import commands
     from identification.sweep import command
 
+    axes = tuple(over or ())
     fields = {"bobs": bobs, "model": model, "beta": beta, "kappa": kappa, "k_f": k_f, "b": b}
     cradle, release = commands.described(
-        source, fields, delta, effect or [], set_ or [], angle=release_angle, lifted=lifted, start=start
+        source, fields, delta, effect or [], set_ or [], angle=release_angle, lifted=lifted, start=start, over=axes
     )
-    asked = command.Asked(tuple(over or ()), tuple(quantity or ("lambda",)), times, table, explore)
+    asked = command.Asked(axes, tuple(quantity or ("lambda",)), times, table, explore)
     with _kept(f"{out / 'runs.npy'} holds the runs that were finished, and the same command goes on from there"):
         command.run(cradle, release, asked, duration, sample_rate, out, seed, workers)
 

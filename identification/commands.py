@@ -14,15 +14,17 @@ import numpy as np
 
 from cradle_env import simulation
 from cradle_env.cradle import STANDARD_BETA, Cradle, Release
-from cradle_env.errors import check_range, unknown_key
+from cradle_env.effects import effect
+from cradle_env.errors import unknown_key
 from cradle_env.model_files import read_model
 from identification import results
 from identification.experiment import Experiment
 from identification.experiment_file import FILE_NAME
 from identification.files import check_own, check_report
 from identification.measurement import Instrument
+from identification.posterior import FORMAT as POSTERIOR_FORMAT
 from identification.posterior import Posterior
-from identification.runs import ReleaseInfo, Run
+from identification.runs import ReleaseInfo, Run, checked_noise
 from identification.terminal import Progress, print_table
 from identification.wording import convergence_verdict, model_verdict, number, ratio, rounding_of, shown, unit_plain
 
@@ -43,14 +45,20 @@ def described(
     angle: float | None,
     lifted: int | None,
     start: str | None,
+    over: Sequence[str] = (),
 ) -> tuple[Cradle, Release]:
-    """The cradle and the release that a command line describes; None: as in the source file, or the default."""
-    cradle, release = Cradle(), Release(angle=_ANGLE)
+    """The cradle and the release that a command line describes; None: as in the source file, or the default. What the
+    source leaves open, and what is taken for it, is told on stderr. over: "name=values" of what is swept."""
+    cradle, release, unstated = Cradle(), Release(angle=_ANGLE), ()
     if source is not None:
         experiment = Experiment.load(source)
         run = experiment.runs[0]
-        cradle = experiment.cradle_of(run)
-        release = release if run.release is None else run.release.release
+        cradle, unstated = experiment.cradle_of(run), experiment.unknown_effect_parameters
+        if run.release is not None:
+            release = run.release.release
+        elif angle is None and not any(text.startswith(("release_angle=", "gamma=")) for text in over):
+            told = f"the first run of {source} states no release; {_ANGLE:g} rad is taken"
+            print(f"cradle: {told}; --release-angle states another", file=sys.stderr)
     values = {name: value for name, value in fields.items() if value is not None}
     if delta is not None:
         gaps = tuple(_number("delta", gap) for gap in delta.split(","))
@@ -60,15 +68,21 @@ def described(
     values |= dict(_setting(text) for text in settings)
     if str(values.get("model", "")).lower().endswith(".toml"):
         values["model"], values["effects"] = read_model(Path(values["model"]))
-        cradle = cradle.replace(model=values["model"], effects=values["effects"])
+        unstated = ()
     if effects:
-        values["effects"] = _with_effects(cradle, effects)
+        values["effects"] = _with_effects(values.get("effects", cradle.effects), effects)
     beta = values.pop("beta", None)
     if beta is not None and "kappa" in values:
         raise ValueError("both beta and kappa are given; beta sets kappa, so give one of them")
     if source is None and beta is None and "kappa" not in values:
         beta = STANDARD_BETA  # of the masses and lengths that are set here
     cradle = cradle.replace(beta=beta, **values)
+    for name in unstated:
+        of, _, key = name.partition(".")
+        if cradle.has(of) and not any(text.startswith(f"{name}=") for text in (*effects, *over)):
+            unit = next(p.unit for p in effect(of).parameters if p.key == key)
+            told = f"{source} states no {name}; {cradle.effects[of][key]} {unit_plain(unit)}".rstrip() + " is taken"
+            print(f"cradle: {told}; --effect {name}=VALUE states another", file=sys.stderr)
     if angle is not None or lifted is not None:
         release = Release(
             angle=release.lead(cradle)[1] if angle is None else angle,
@@ -102,9 +116,9 @@ def _setting(text: str) -> tuple[str, Any]:
     return name, _number(f"--set {name}", value)
 
 
-def _with_effects(cradle: Cradle, texts: Sequence[str]) -> dict[str, dict[str, float]]:
-    """The cradle's effects with those of "name.key=value", "name" or "-name" added."""
-    effects = {name: dict(values) for name, values in cradle.effects.items()}
+def _with_effects(known: Mapping[str, Mapping[str, Any]], texts: Sequence[str]) -> dict[str, dict[str, Any]]:
+    """The known effects with those of "name.key=value", "name" or "-name" added."""
+    effects = {name: dict(values) for name, values in known.items()}
     for text in texts:
         address, equals, value = text.partition("=")
         name, dot, key = address.partition(".")
@@ -127,21 +141,21 @@ def simulate(
 ) -> None:
     """Simulates one run and writes it; with noise [rad], an experiment with its data too."""
     if noise is not None:
-        check_range("noise", noise, "rad", 0.0, above=True)
-        check_own(out, (FILE_NAME, Run.file), "summary.json", results.RUN_FORMAT)
+        checked_noise(noise, "rad")
+    written = (*results.RUN_FILES, *(() if noise is None else (FILE_NAME, Run.file)))
+    check_own(out, (results.SUMMARY, *written), results.SUMMARY, results.RUN_FORMAT)
     with Progress() as progress:
         progress("simulate", None, "the first run after installation compiles for some seconds")
         run = simulation.simulate(cradle, release, duration, sample_rate)
         progress("draw", None)
         described_by = {"cradle": results.cradle_values(cradle), "release": results.release_values(release)}
         inputs = hashlib.sha256(json.dumps([described_by, duration, sample_rate], sort_keys=True).encode()).hexdigest()
-        summary = results.save_run(run, out, seed=seed, inputs=inputs)
-        if noise is not None:
-            _as_experiment(cradle, release, run.t, noise, seed).save(out)
+        experiment = None if noise is None else _as_experiment(cradle, release, run.t, noise, seed)
+        summary = results.save_run(run, out, seed=seed, inputs=inputs, experiment=experiment)
     rate, groups = summary["lambda"], summary["cradle"]["groups"] | {"gamma": summary["release"]["gamma"]}
     symbols = {"alpha": "α", "n": "n", "beta": "β", "gamma": "γ"}
     rows = [
-        ("λ", "–" if rate is None else f"{number(rate['value'], 5)} 1/s"),
+        ("λ", f"– ({summary['no_lambda_because']})" if rate is None else f"{number(rate['value'], 5)} 1/s"),
         ("σ at the end", number(summary["sigma_final"])),
         ("impacts", str(summary["impacts"])),
         ("groups", ", ".join(f"{symbol} = {number(groups[key], 4)}" for key, symbol in symbols.items())),
@@ -170,6 +184,7 @@ def calibrate(
     from identification.calibration import calibrate as run
 
     check_report(out, "calibrate")
+    check_own(out, (results.SUMMARY,), results.SUMMARY, POSTERIOR_FORMAT)
     experiment = Experiment.load(path)
     with Progress() as progress:
         posterior = run(

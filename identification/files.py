@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import math
 import os
@@ -41,14 +42,37 @@ def read_text(path: Path) -> tuple[str, bytes]:
 
 def check_own(folder: Path, names: Iterable[str], stamp: str, formats: str) -> None:
     """ExperimentError where a folder holds a file of these names that is not ours to replace: the JSON file that our
-    command writes beside it, its stamp, is not there or not of this format."""
-    there = [folder / name for name in names if (folder / name).exists()]
+    command writes beside it, its stamp, is not there, not of this format, or lists the file otherwise or not at all."""
+    content = _stamped(folder / stamp, formats)
+
+    def ours(name: str) -> bool:
+        if content is None or name == stamp:
+            return content is not None
+        return "files" not in content or content["files"].get(name) == _sha256(folder / name)
+
+    for name in names:
+        if (folder / name).exists() and not ours(name):
+            raise ExperimentError(f"{folder / name}: exists and is no result of this command; choose another --out")
+
+
+def listing(folder: Path, names: Iterable[str], stamp: str, formats: str) -> dict[str, str]:
+    """What a stamp lists as `files`: the SHA-256 of these, just written, and of those that it has listed before."""
+    earlier = (_stamped(folder / stamp, formats) or {}).get("files", {})
+    return {**earlier, **{name: _sha256(folder / name) for name in names}}
+
+
+def _stamped(path: Path, formats: str) -> dict[str, Any] | None:
+    """The content of a JSON file of this format; None where there is no such file."""
     try:
-        ours = json.loads((folder / stamp).read_text(encoding="utf-8"))["format"] == formats
+        content = json.loads(path.read_text(encoding="utf-8"))
+        return content if content["format"] == formats and isinstance(content.get("files", {}), dict) else None
     except (OSError, ValueError, TypeError, KeyError):
-        ours = False
-    if there and not ours:
-        raise ExperimentError(f"{there[0]}: exists and is no result of this command; choose another --out")
+        return None
+
+
+def _sha256(path: Path) -> str:
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 #: The commands that write a report.html, by what else each leaves in its folder.

@@ -36,7 +36,8 @@ Settings = Annotated[
 Source = Annotated[
     Path | None,
     typer.Option("--from", metavar="FILE", help="Take cradle and first release from an experiment.toml;"
-                 " the options above then change them."),
+                 " the options above then change them. What it leaves open, a release or an effect's parameter, is"
+                 " told with the value taken for it."),
 ]  # fmt: skip
 Duration = Annotated[float, typer.Option(help="s")]
 SampleRate = Annotated[float, typer.Option(help="1/s")]

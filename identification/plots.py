@@ -88,7 +88,7 @@ def _tidy(axes: Axes, y_label: str, x_label: str, row: int, column: int) -> None
 def _physical(posterior: Posterior) -> list[tuple[str, str, np.ndarray]]:
     """(symbol, unit, samples) of the cradle's own unknowns, and of λ where there is one of each sample."""
     found = [(u.symbol, u.unit, posterior.samples(u.name)) for u in posterior.unknowns if not u.nuisance]
-    if posterior.newton_exponents is not None and posterior.experiment.cradle.bobs > 1:
+    if posterior.newton_exponents is not None and posterior.synchronizes:
         found.append(("λ", "1/s", posterior.newton_exponents.ravel()))
     return found
 

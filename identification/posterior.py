@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from cradle_env.cradle import Cradle, Release
+from cradle_env.errors import check_range
 from cradle_env.simulation import simulate_batch
 from cradle_env.synchronization import WINDOW, window_of
 from identification.experiment import Experiment
@@ -57,13 +58,18 @@ class Convergence:
 
 @dataclass(frozen=True)
 class Prediction:
-    """σ(t) and λ of a cradle over draws of a posterior: t (T,) [s], sigma (K, T), newton_exponent (K,) [1/s]."""
+    """σ(t) and λ of a cradle over draws of a posterior: t (T,) [s], sigma (K, T), newton_exponent (K,) [1/s].
+
+    cradle: that of the first draw, with δ as stated or, where it was inferred, at its median over the draws; gaps:
+    (K, N − 1) δ of each gap in each draw, with what effects add.
+    """
 
     cradle: Cradle
     release: Release
     t: np.ndarray
     sigma: np.ndarray
     newton_exponent: np.ndarray
+    gaps: np.ndarray
 
     def summary(self) -> dict[str, Any]:
         """Mean, sd, median and intervals of λ, as in a calibration's summary."""
@@ -136,9 +142,18 @@ class Posterior:
         bob = self.experiment.cradle.bobs if peaks[-1] >= peaks[0] else 1
         return Release(angles={bob: float(peaks.max()) * (1.0 if bob > 1 else -1.0)})
 
+    @property
+    def synchronizes(self) -> bool:
+        """Whether the first run's bobs have something to synchronize with, so that there is a λ."""
+        try:
+            self.release().check_synchronizes(self.experiment.cradle)
+        except ValueError:
+            return False
+        return True
+
     def newton_exponent(self) -> np.ndarray:
-        """Samples of λ [1/s] of the first run's δ and release over 1 to 60 s, simulated; empty for one bob."""
-        if self.experiment.cradle.bobs == 1:
+        """Samples of λ [1/s] of the first run's δ and release over 1 to 60 s, simulated; empty where there is none."""
+        if not self.synchronizes:
             return np.empty(0)
         if self.newton_exponents is not None:
             return self.newton_exponents.ravel()
@@ -159,14 +174,13 @@ class Posterior:
     ) -> Prediction:
         """σ(t) and λ at any δ, release angle [rad] and number of bobs, over `count` draws; the first run's where
         omitted. Raises ValueError for impossible settings."""
+        count = int(check_range("count", count, "", 1, remedy="each draw of the posterior is a run"))
         release, calibrated = self.release(), self.experiment.cradle.bobs
         bobs = calibrated if bobs is None else bobs
         if release_angle is not None or bobs != calibrated:
             angle = release.lead(self.experiment.cradle)[1] if release_angle is None else release_angle
             lifted = 1 if release.angle is None else release.bobs
             release = Release(angle=angle, bobs=lifted, start=release.start)
-            if angle == 0.0:
-                raise ValueError("release angle is 0 rad; σ and λ are relative to it, so lift a bob")
         cradles, releases = [], []
         for point in self.draws(count):
             values = self.likelihood.values(point)
@@ -181,17 +195,18 @@ class Posterior:
             # A stated angle is taken as exact; the run's own is as uncertain as the calibration left it.
             error = values.get("release_angle_error@1", 0.0) if release_angle is None else 0.0
             releases.append(lifted_further(release, error))
-        if cradles[0].bobs == 1:
-            raise ValueError("one bob has nothing to synchronize with; predict for 2 bobs or more")
+        release.check_synchronizes(cradles[0])
         runs = simulate_batch(
             cradles, releases, duration, sample_rate, step_factor=STEP_FACTOR, workers=self.likelihood.workers
         )
+        inferred = "delta" in self.likelihood.names and delta is None
         return Prediction(
-            cradles[0],
+            cradles[0].replace(delta=float(np.median([c.delta for c in cradles]))) if inferred else cradles[0],
             release,
             runs[0].t,
             np.array([run.sigma() for run in runs]),
             np.array([run.newton_exponent() for run in runs]),
+            np.array([cradle.gaps for cradle in cradles]),
         )
 
     def summary(self) -> dict[str, Any]:

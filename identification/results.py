@@ -10,18 +10,19 @@ import numpy as np
 
 from cradle_env import __version__
 from cradle_env.cradle import Cradle, Release
-from cradle_env.synchronization import ENVELOPE_PERIODS, window_of
+from cradle_env.synchronization import ENVELOPE_PERIODS, check_duration, window_of
 from cradle_env.trajectory import Trajectory
 from identification.csv_data import csv_text
-from identification.files import write, write_json
+from identification.experiment import Experiment
+from identification.files import listing, write, write_json, write_together
 from identification.posterior import Posterior, Prediction
 from identification.style import png
 
 #: Told before each picture: how much is done, and what comes.
 Tell = Callable[[float, str], None]
 
-#: Of the summary of a run.
-RUN_FORMAT = "cradle-run/1"
+#: What a run or a calibration ends with, and the format of a run's; and what else a run leaves.
+SUMMARY, RUN_FORMAT, RUN_FILES = "summary.json", "cradle-run/1", ("trajectory.csv", "impacts.csv", "run.png")
 
 
 def table_text(columns: Mapping[str, np.ndarray]) -> str:
@@ -46,18 +47,23 @@ def release_values(release: Release) -> dict[str, Any]:
     return {"angle": release.angle, "bobs": release.bobs, "angles": angles, "start": release.start}
 
 
-def save_run(run: Trajectory, folder: Path, *, seed: int, inputs: str) -> dict[str, Any]:
-    """Writes trajectory.csv, impacts.csv, run.png and, last, summary.json, which it returns."""
+def save_run(
+    run: Trajectory, folder: Path, *, seed: int, inputs: str, experiment: Experiment | None = None
+) -> dict[str, Any]:
+    """Writes trajectory.csv, impacts.csv, run.png, the files of an experiment where one was made of the run, and, last,
+    summary.json, which it returns."""
     from identification.plots import run_figure
 
     assert isinstance(run.release, Release)
     energy = run.energy()
-    pairs = run.cradle.bobs > 1
+    sigma, rate, none_because = None, None, None
     try:
-        sigma = run.sigma() if pairs else None
-    except ValueError:  # too sparse or too short for the envelopes
-        sigma = None
-    rate = None if sigma is None else run.newton_exponent()
+        run.release.check_synchronizes(run.cradle)
+        sigma = run.sigma()
+        check_duration(run.t[-1])
+        rate = run.newton_exponent()
+    except ValueError as problem:  # or too sparse or too short for the envelopes
+        none_because = str(problem)
     whole = run.t[-1] - 0.5 * ENVELOPE_PERIODS * run.cradle.period  # the last whole envelope
     summary = {
         "format": RUN_FORMAT,
@@ -69,17 +75,20 @@ def save_run(run: Trajectory, folder: Path, *, seed: int, inputs: str) -> dict[s
         "duration_s": float(run.t[-1]),
         "lambda": None if rate is None else {"unit": "1/s", "value": rate, "window_s": window_of(run.t)},
         "sigma_final": None if sigma is None else float(np.interp(whole, run.t, sigma)),
+        "no_lambda_because": none_because,
         "impacts": len(run.impacts),
         "energy_J": {
             name: {"start": getattr(energy, name)[0], "end": getattr(energy, name)[-1]}
             for name in ("kinetic", "gravity", "strings", "drag", "impacts", "total")
         },
     }
-    write(folder / "trajectory.csv", csv_text(run.t, run.theta, "theta"))
     impacts = {"time [s]": "time", "pair": "pair", "speed [m/s]": "speed", "loss [J]": "loss"}
-    write(folder / "impacts.csv", table_text({label: run.impacts[name] for label, name in impacts.items()}))
-    write(folder / "run.png", png(run_figure(run)))
-    write_json(folder / "summary.json", summary)
+    table = table_text({label: run.impacts[name] for label, name in impacts.items()})
+    made = (csv_text(run.t, run.theta, "theta"), table, png(run_figure(run)))
+    files = {**dict(zip(RUN_FILES, made, strict=True)), **({} if experiment is None else experiment.texts())}
+    write_together(folder, files)
+    summary["files"] = listing(folder, files, SUMMARY, RUN_FORMAT)
+    write_json(folder / SUMMARY, summary)
     return summary
 
 
@@ -97,7 +106,7 @@ def save_calibration(posterior: Posterior, folder: Path, tell: Tell = lambda *_:
         "residuals.png": plots.residual_figure,
         "lambda.png": plots.lambda_figure,
     }
-    if posterior.experiment.cradle.bobs == 1:
+    if not posterior.synchronizes:
         del draw["lambda.png"]
     pictures: dict[str, bytes] = {}
     for name, figure in draw.items():
@@ -106,7 +115,7 @@ def save_calibration(posterior: Posterior, folder: Path, tell: Tell = lambda *_:
     for name, picture in pictures.items():
         write(folder / name, picture)
     write(folder / "report.html", calibration_html(posterior, summary, pictures))
-    write_json(folder / "summary.json", summary)
+    write_json(folder / SUMMARY, summary)
     return summary
 
 

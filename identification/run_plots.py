@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cradle_env.cradle import Cradle
+from cradle_env.cradle import Cradle, Release
 from cradle_env.synchronization import ENVELOPE_PERIODS, FLOOR
 from cradle_env.trajectory import Trajectory
 from identification.posterior import Posterior, Prediction, statistics
@@ -53,12 +53,22 @@ def _synchronization_figure(prediction: Prediction, rates: np.ndarray) -> Figure
     if found["median"] is not None:
         _show_decay(right, prediction.t, found["median"])
     _sigma_axes(right, prediction.t, float(bands["ci95"][0][seen].min()))
-    cradle, angle = prediction.cradle, prediction.release.lead(prediction.cradle)[1]
-    gaps = cradle.gaps
-    delta = f"δ = {gaps[0]:.3g}" if np.ptp(gaps) == 0.0 else f"δ = {gaps.min():.3g} to {gaps.max():.3g}"
-    right.set_title(f"{cradle.bobs} bobs, {delta}, released at {angle:.3g} rad".replace("-", "−"))
+    bobs, angle = prediction.cradle.bobs, prediction.release.lead(prediction.cradle)[1]
+    right.set_title(f"{bobs} bobs, {_delta(prediction.gaps)}, released at {angle:.3g} rad".replace("-", "−"))
     right.legend(loc="upper right")
     return figure
+
+
+def _delta(gaps: np.ndarray) -> str:
+    """δ of gaps (K, N − 1) over draws, in words: of all gaps with its uncertainty, or from the least to the largest."""
+    medians = np.median(gaps, axis=0)
+    if np.ptp(medians) > 0.0:
+        return f"δ = {medians.min():.3g} to {medians.max():.3g}"
+    if np.ptp(gaps[:, 0]) == 0.0:
+        return f"δ = {medians[0]:.3g}"
+    found = statistics(gaps[:, 0])
+    text, scale = shown(found), rounding_of(found).exponent
+    return f"δ = ({text['median']} ± {text['sd']})" + (rf"$\,\times\,10^{{{scale}}}$" if scale else "")
 
 
 def _show_rates(axes: Axes, rates: np.ndarray) -> None:
@@ -187,8 +197,10 @@ def _show_peaks(axes: Axes, run: Trajectory) -> None:
 def _show_sigma(axes: Axes, run: Trajectory) -> None:
     """σ(t) and exp(−λt)."""
     try:
+        if isinstance(run.release, Release):
+            run.release.check_synchronizes(run.cradle)
         values, rate = run.sigma(), run.newton_exponent()
-    except ValueError as problem:  # too sparse or too short for the envelopes
+    except ValueError as problem:  # or too sparse or too short for the envelopes
         axes.text(0.5, 0.5, textwrap.fill(str(problem), 34), ha="center", va="center", transform=axes.transAxes)
         axes.set_axis_off()
         return

@@ -103,14 +103,17 @@ def model_unknowns(experiment: Experiment, parameters: Sequence[str] | None = No
 
 
 def matters(cradle: Cradle, name: str) -> bool:
-    """Whether a parameter can have any effect on the motion of this cradle."""
-    if name == "kappa":
+    """Whether a parameter, α and n of e = 1 − α vⁿ among them, can have any effect on the motion of this cradle."""
+    of_speed = cradle.has("velocity_dependent_restitution")
+    if name in ("kappa", "pivot_half_spacing"):
         return cradle.has("radial_elasticity")
-    if name == "k_f":
-        return cradle.bobs > 1 and cradle.power_law is None and cradle.has("velocity_dependent_restitution")
+    if name in ("alpha", "n"):
+        return cradle.bobs > 1 and of_speed
+    if name in ("k_f", "youngs_modulus", "poisson_ratio"):  # of eq. 1
+        return cradle.bobs > 1 and of_speed and cradle.power_law is None
     if name == "restitution":
-        return cradle.bobs > 1 and not cradle.has("velocity_dependent_restitution")
-    return cradle.bobs > 1 or name not in ("delta", "youngs_modulus", "poisson_ratio")
+        return cradle.bobs > 1 and not of_speed
+    return cradle.bobs > 1 or name != "delta"
 
 
 def _field_unknown(cradle: Cradle, name: str, prior: Prior | None) -> Unknown:

@@ -8,10 +8,12 @@ import sys
 import numpy as np
 import pytest
 
-from cradle_env import Cradle
+from cradle_env import Cradle, Release, simulate
 from identification import cli
 from identification.experiment import Experiment
 from identification.posterior import Posterior
+from identification.sweep import Grid
+from identification.sweep import command as sweep_command
 from tests.synthetic import made_up_posterior, simulated_run
 
 PNG_END = b"IEND\xaeB`\x82"
@@ -75,6 +77,7 @@ def calibrated(pair, tmp_path_factory):
         (["simulate", "--out", "o", "--bobs", "3", "--set", "bobs=4"], "give --bobs 4"),
         (["simulate", "--out", "o", "--set", "beta=0.1"], "give --beta 0.1"),
         (["simulate", "--out", "o", "--experiment", "--noise", "-1"], "noise is -1"),
+        (["simulate", "--out", "o", "--noise", "-3"], "noise is -3 rad, but only an experiment has readings"),
         (["simulate", "--out", ".", "--experiment"], "experiment.toml: exists and is no result of this command"),
         (["design", "experiment.toml", "--out", "."], "experiment.toml: exists and is no result of this command"),
         (["simulate", "--out", "o", "--beta", "1e-200"], "beta is 1e-200"),
@@ -165,6 +168,17 @@ def test_simulate_where_sigma_is_not_defined_or_bobs_are_many(arguments, tmp_pat
     json.loads((tmp_path / "summary.json").read_text())
 
 
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [(["--lifted", 2, "--duration", 2], "all 2 bobs are lifted alike"), (["--duration", 0.5], "duration is 0.5 s")],
+)
+def test_simulate_says_why_there_is_no_exponent(arguments, said, tmp_path, capsys):
+    assert run("simulate", "--bobs", 2, *arguments, "--out", tmp_path) == 0
+    assert f"– ({said}" in capsys.readouterr().out
+    summary = json.loads((tmp_path / "summary.json").read_text())
+    assert summary["lambda"] is None and (summary["sigma_final"] is None) is (2 in arguments)
+
+
 def test_simulate_makes_an_experiment_and_reads_one(tmp_path):
     first, second = tmp_path / "first", tmp_path / "second"
     simulated = ["--bobs", 2, "--duration", 3, "--sample-rate", 60, "--effect", "angle_offset.offset=0.01"]
@@ -180,12 +194,76 @@ def test_simulate_makes_an_experiment_and_reads_one(tmp_path):
     assert summary["cradle"]["effects"] == {"angle_offset": {"offset": 0.01}}
 
 
+@pytest.mark.parametrize("option", [[], ["--experiment"]])
+def test_simulate_replaces_only_what_it_has_written(option, pair, tmp_path, capsys):
+    """Measured data stay, be they there before the first run or put beside its results."""
+    command = ["simulate", "--bobs", 2, "--duration", 2, "--out", tmp_path]
+    name = "run1.csv" if option else "trajectory.csv"
+    (tmp_path / name).write_text("measured")
+    assert run(*command, *option) == 2
+    assert f"{name}: exists and is no result of this command" in refusal(capsys)
+    (tmp_path / name).unlink()
+    for repeated in (["--experiment"], [], option):
+        assert run(*command, *repeated) == 0
+    (tmp_path / name).write_text("measured")
+    capsys.readouterr()
+    assert run(*command, *option) == 2
+    assert f"{name}: exists and is no result of this command" in refusal(capsys)
+    assert (tmp_path / name).read_text() == "measured"
+
+
+def test_simulate_beside_an_experiment_leaves_its_data(pair, tmp_path, capsys):
+    """A first simulate without --experiment does not make the folder's data ours."""
+    path = pair.save(tmp_path)
+    command = ["simulate", "--from", path, "--duration", 2, "--out", tmp_path]
+    before = (tmp_path / "run1.csv").read_bytes()
+    assert run(*command) == 0
+    capsys.readouterr()
+    assert run(*command, "--experiment") == 2
+    assert "experiment.toml: exists and is no result of this command" in refusal(capsys)
+    assert (tmp_path / "run1.csv").read_bytes() == before
+
+
+def test_noise_that_no_simulation_resolves_is_refused_before_one_is_made(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr("identification.commands.simulation", None)
+    assert run("simulate", "--experiment", "--noise", 1e-9, "--out", tmp_path) == 2
+    assert "noise is 1e-09 rad; it must be at least 1e-07" in refusal(capsys)
+
+
 def test_effects_are_taken_out_and_beta_is_of_the_lengths_set(tmp_path):
     settings = ["--effect=-string_hysteresis", "--set", "length=0.2", "--duration", 1]
     assert run("simulate", *settings, "--out", tmp_path) == 0
     cradle = json.loads((tmp_path / "summary.json").read_text())["cradle"]
     assert "-string_hysteresis" in cradle["effects"]
     assert cradle["groups"]["beta"] == pytest.approx(0.114)
+
+
+def test_what_the_source_leaves_open_is_told(tmp_path, capsys):
+    cradle = Cradle(bobs=2, effects={"quadratic_drag": {"c2": 0.01}})
+    free = simulated_run(cradle, duration=2.0, state="free", release=None)
+    path = Experiment(cradle, (free,), unknown_effect_parameters=("quadratic_drag.c2",)).save(tmp_path)
+    command = ["simulate", "--from", path, "--duration", 1, "--out", tmp_path / "o"]
+    assert run(*command) == 0
+    release, parameter = capsys.readouterr().err.splitlines()
+    assert release.startswith("cradle: the first run of") and "0.228 rad is taken" in release
+    taken = json.loads((tmp_path / "o" / "summary.json").read_text())["cradle"]["effects"]["quadratic_drag"]["c2"]
+    assert f"states no quadratic_drag.c2; {taken} kg/m is taken; --effect quadratic_drag.c2=VALUE" in parameter
+    assert run(*command, "--release-angle", 0.2, "--effect", "quadratic_drag.c2=0.01") == 0
+    assert capsys.readouterr().err == ""
+    assert run(*command, "--release-angle", 0.2, "--effect=-quadratic_drag") == 0
+    assert capsys.readouterr().err == ""
+    swept = ["--over", "release_angle=0.1,0.2", "--over", "quadratic_drag.c2=0.01,0.02", "--duration", 2]
+    assert run("sweep", "--from", path, *swept, "--out", tmp_path / "swept") == 0
+    assert capsys.readouterr().err == ""
+
+
+def test_a_model_with_a_value_per_gap_is_put_on_as_many_bobs_as_are_asked_for(tmp_path):
+    model = tmp_path / "model.toml"
+    model.write_text('[model]\neffects = ["spacer_offset"]\nparameters = {spacer_offset = {offset = [0.001, 0.002]}}\n')
+    command = ["simulate", "--model", model, "--bobs", 3, "--effect", "quadratic_drag.c2=0.002", "--duration", 1]
+    assert run(*command, "--out", tmp_path / "o") == 0
+    cradle = json.loads((tmp_path / "o" / "summary.json").read_text())["cradle"]
+    assert cradle["effects"] == {"spacer_offset": {"offset": [0.001, 0.002]}, "quadratic_drag": {"c2": 0.002}}
 
 
 def test_sweep(tmp_path, capsys):
@@ -211,6 +289,19 @@ def test_sweep(tmp_path, capsys):
     assert "another sweep" in refusal(capsys)
 
 
+def test_a_sweep_replaces_only_its_own_tables(tmp_path, capsys):
+    (tmp_path / "run1.csv").write_text("measured")
+    command = ["sweep", "--over", "delta=0,0.001", "--bobs", 2, "--duration", 2, "--out", tmp_path, "--table"]
+    for table in ("sweep.csv", "t.csv", "sweep.csv"):
+        assert run(*command, table) == 0
+    capsys.readouterr()
+    for table in ("run1.csv", "t.csv"):
+        (tmp_path / table).write_text("measured")
+        assert run(*command, table) == 2
+        assert f"{table}: exists and is no result of this command" in refusal(capsys)
+        assert (tmp_path / table).read_text() == "measured"
+
+
 def test_sweep_tells_what_was_never_reached(tmp_path, capsys):
     """No pair is synchronized after 3 s, so there is no time of it."""
     settings = ["--over", "delta=0,0.001", "--bobs", 2, "--duration", 3, "--quantity", "synchronization_time"]
@@ -227,6 +318,25 @@ def test_sweep_tells_what_does_not_matter(tmp_path, capsys):
     assert told.startswith("cradle: beta does not matter") and told.count("\n") == 1
     assert run("sweep", "--over", "beta=0.1,0.2", *settings[2:], tmp_path / "elastic") == 0
     assert "does not matter" not in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("axis", "idle", "busy"),
+    [
+        ("alpha=0.03,0.04", {"effects": {"-velocity_dependent_restitution": {}}}, {}),
+        ("n=0.1,0.2", {"bobs": 1}, {"power_law": (0.03, 0.2)}),
+        ("pivot_half_spacing=0.05,0.1", {"model": "pendulum"}, {}),
+        ("youngs_modulus=1e11,2e11", {"power_law": (0.03, 0.2)}, {}),
+        ("poisson_ratio=0.1,0.3", {"effects": {"-velocity_dependent_restitution": {}}}, {"model": "ho"}),
+    ],
+)
+def test_what_is_said_not_to_matter_leaves_the_motion_as_it_is(axis, idle, busy):
+    name, values = sweep_command.axis(axis)
+    for fields, matters in ((idle, False), (busy, True)):
+        grid = Grid({name: values}, Cradle(**{"bobs": 2, **fields}), Release(angle=0.2))
+        assert sweep_command._idle(grid) == ([] if matters else [name])
+        one, other = (simulate(*grid.point(i), 2.0).theta for i in range(2))
+        assert np.array_equal(one, other) is not matters
 
 
 def test_sweep_makes_a_page(tmp_path, capsys):
@@ -277,6 +387,15 @@ def test_calibrate_ends_as_the_chains_do(converged, pair, tmp_path, monkeypatch,
     assert f"report: {tmp_path / 'out' / 'report.html'}" in captured.out
 
 
+def test_simulate_and_calibrate_leave_each_others_summary(pair, tmp_path, capsys):
+    path, summary = pair.save(tmp_path / "data"), tmp_path / "summary.json"
+    for command, other in ((["simulate"], "cradle-posterior/1"), (["calibrate", path], "cradle-run/1")):
+        summary.write_text(json.dumps({"format": other}))
+        assert run(*command, "--out", tmp_path) == 2
+        assert "summary.json: exists and is no result of this command" in refusal(capsys)
+        assert json.loads(summary.read_text()) == {"format": other}
+
+
 def test_an_interrupted_calibration_says_how_to_go_on(pair, tmp_path, monkeypatch, capsys):
     from identification import calibration
 
@@ -307,6 +426,11 @@ def test_asking_for_what_was_calibrated_changes_nothing(calibrated):
     own, asked = posterior.predict(count=2), posterior.predict(bobs=posterior.experiment.cradle.bobs, count=2)
     assert own.cradle == asked.cradle
     np.testing.assert_array_equal(own.sigma, asked.sigma)
+
+
+def test_a_prediction_takes_a_draw_at_least(calibrated):
+    with pytest.raises(ValueError, match="count is 0; it must be at least 1"):
+        Posterior.load(calibrated / "posterior.nc").predict(count=0)
 
 
 def test_prediction_follows_its_seed(calibrated):

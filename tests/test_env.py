@@ -156,7 +156,7 @@ def test_gymnasium_finds_nothing_wrong(told: dict) -> None:
 
 
 @pytest.mark.parametrize(
-    "told", [{"duration": 5.0}, {"duration": 5.0, "bobs": 1, "dtype": "float64"}, {"reward": "sustain", "duration": 5}]
+    "told", [{"duration": 5.0}, {"duration": 5.0, "bobs": 2, "dtype": "float64"}, {"reward": "sustain", "duration": 5}]
 )
 def test_gymnasium_finds_nothing_wrong_with_the_release(told: dict) -> None:
     check_env(gym.make("NewtonCradleRelease-v0", **told).unwrapped)
@@ -793,6 +793,15 @@ def test_settings_are_refused_by_name(told: dict, kind: type, message: str) -> N
     for env in (NewtonCradleEnv, NewtonCradleReleaseEnv):
         with pytest.raises(kind, match=message):
             env(**told)
+
+
+@pytest.mark.parametrize(
+    ("told", "message"),
+    [({"bobs": 1}, "one bob has nothing to synchronize"), ({"bobs": 3, "released_bobs": 3}, "all 3 bobs are lifted")],
+)
+def test_the_release_leaves_something_to_synchronize_with(told: dict, message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        NewtonCradleReleaseEnv(**told)
 
 
 def test_the_release_takes_longer_than_a_second() -> None:

@@ -7,10 +7,11 @@ import re
 import numpy as np
 import pytest
 
-from cradle_env import Cradle
+from cradle_env import Cradle, Release
 from identification import plots, results
 from identification.experiment import Experiment
-from identification.posterior import Gap, Posterior
+from identification.posterior import Gap, Posterior, statistics
+from identification.runs import Prior, ReleaseInfo
 from identification.style import png
 from identification.wording import Rounding, markup, mathtext, shown, unit_markup, unit_plain
 from tests.synthetic import made_up_posterior, simulated_run
@@ -66,6 +67,28 @@ def test_pictures_and_report_of_any_experiment(kind, tmp_path, monkeypatch):
     assert all(image["alt"] and image["src"].startswith("data:image/png;base64,") for image in page.images)
     assert json.loads((tmp_path / "summary.json").read_text())["format"] == summary["format"] == "cradle-posterior/1"
     assert not [path for path in tmp_path.iterdir() if path.name.endswith(".part")]
+
+
+def test_bobs_that_were_lifted_alike_have_no_exponent(tmp_path):
+    cradle, release = Cradle(bobs=2), ReleaseInfo(Release(angle=0.2, bobs=2))
+    posterior = made_up_posterior(Experiment(cradle, (simulated_run(cradle, duration=4.0, release=release),)), steps=20)
+    assert results.save_calibration(posterior, tmp_path)["lambda"] is None
+    assert not (tmp_path / "lambda.png").exists()
+    with pytest.raises(ValueError, match="all 2 bobs are lifted alike"):
+        posterior.predict()
+
+
+@pytest.mark.parametrize(("bobs", "asked"), [(2, None), (3, None), (2, 0.001)])
+def test_an_inferred_delta_is_told_by_its_median(bobs, asked):
+    """One draw's δ is a random number; a δ that is asked for has no spread."""
+    cradle, prior = Cradle(bobs=bobs), {"delta": Prior(mean=-0.003, sd=1e-3)}
+    posterior = made_up_posterior(Experiment(cradle, (simulated_run(cradle, duration=2.0),), infer=prior), steps=20)
+    prediction = posterior.predict(asked, count=9, duration=3.0)
+    drawn = [posterior.likelihood.values(point)["delta"] for point in posterior.draws(9)]
+    assert prediction.cradle.delta == (np.median(drawn) if asked is None else asked)
+    title = plots.prediction_figure(prediction).axes[1].get_title(loc="left")
+    told = "δ = 0.001, " if asked else shown(statistics(np.array(drawn)))["median"] + " ± "
+    assert told in title
 
 
 @pytest.mark.parametrize(("gap", "converged"), [(1.02, True), (3.1, True), (1.02, False), (3.1, False)])

@@ -1,5 +1,6 @@
 """Sweeps: the same runs as one by one, whoever runs them, whatever stops them."""
 
+import functools
 import os
 import signal
 import subprocess
@@ -12,8 +13,9 @@ import numpy as np
 import pytest
 
 from cradle_env import Cradle, Release, simulate, simulate_batch
-from identification.sweep import Grid, Quantity, sweep
+from identification.sweep import QUANTITIES, Grid, Quantity, sweep
 from identification.sweep import engine as sweep_engine
+from identification.sweep.fingerprint import fingerprint
 
 PAIR, RELEASE = Cradle(bobs=2), Release(angle=0.228)
 #: Of λ between processes [1/s]. Kernels compiled anew and those from the cache round differently, which a narrow
@@ -75,6 +77,17 @@ def test_impossible_points_are_nan_and_counted_by_reason():
     counts = {reason.split(";")[0]: count for reason, count in swept.failures().items()}
     said = {"one bob has nothing to synchronize with": 2, "release angle is 0 rad": 1}
     assert said.items() <= counts.items() and sum(counts.values()) == 7 and len(counts) == 3
+
+
+def test_bobs_that_are_lifted_alike_have_no_exponent():
+    swept = sweep(Grid({"lifted": [1, 2]}, PAIR, RELEASE), duration=3.0)
+    assert np.isfinite(swept["lambda"]).tolist() == [True, False]
+    assert swept.failures() == {"all 2 bobs are lifted alike and have nothing to synchronize with; lift fewer": 1}
+
+
+def test_runs_too_short_for_the_exponent_are_refused():
+    with pytest.raises(ValueError, match="duration is 1 s; λ takes more than 1 s"):
+        sweep(Grid({"delta": [0.0, 0.01]}, PAIR, RELEASE), duration=1.0)
 
 
 def test_no_possible_point_is_refused():
@@ -234,6 +247,59 @@ def test_another_sweep_is_not_mixed_into_a_folder(tmp_path):
     sweep(Grid({"delta": [0.0, 0.01]}, PAIR, RELEASE), duration=2.0, out=tmp_path)
     with pytest.raises(ValueError, match="another sweep"):
         sweep(Grid({"delta": [0.0, 0.02]}, PAIR, RELEASE), duration=2.0, out=tmp_path)
+
+
+LEVEL = 0.1
+
+
+def at_level(run) -> float:
+    return float(run.sigma().min()) + LEVEL
+
+
+def beyond(level: float, past: int = 0):
+    return lambda run: float(len(run.impacts) > level + past)
+
+
+class Count:
+    def __init__(self, least: float) -> None:
+        self.least = least
+
+    def __call__(self, run) -> float:
+        return float(len(run.impacts) >= self.least)
+
+
+def test_a_sweep_does_not_go_on_once_its_quantity_is_edited(tmp_path):
+    grid = Grid({"delta": [0.0, 0.01]}, PAIR, RELEASE)
+    sweep(grid, (Quantity("q", "q", "1", "", lambda run: run.theta[0, 1]),), duration=2.0, out=tmp_path)
+    sweep(grid, (Quantity("q", "q", "1", "", lambda run: run.theta[0, 1]),), duration=2.0, out=tmp_path)
+    with pytest.raises(ValueError, match="another sweep"):
+        sweep(grid, (Quantity("q", "q", "1", "", lambda run: run.theta[0, 1] + 1.0),), duration=2.0, out=tmp_path)
+
+
+def test_callables_are_told_apart_by_all_that_decides_their_results(monkeypatch):
+    """By code, names, constants, closures, defaults, globals, and the state of an object; not by their line."""
+    measures = [
+        at_level, beyond(1.0), beyond(2.0), beyond(1.0, 3), Count(1.0), Count(2.0), Count(1.0).__call__, np.mean, len,
+        functools.partial(at_level), functools.partial(beyond, 1.0), functools.partial(beyond, 2.0),
+        lambda run, k=1: k, lambda run, k=2: k, lambda run, *, k=1: k, lambda run: run.t, lambda run: run.r,
+        lambda run: run in {"a", "b", "c"}, lambda run: [x + 1 for x in run], lambda run: [x + 2 for x in run],
+        lambda run: run[np.array([1, 2])],
+    ]  # fmt: skip
+    told = [fingerprint(measure) for measure in measures]
+    assert len(set(told)) == len(told)
+    assert [fingerprint(measure) for measure in (beyond(1.0), Count(1.0))] == [told[1], told[4]]
+    monkeypatch.setitem(globals(), "LEVEL", 0.2)
+    assert fingerprint(at_level) != told[0]
+
+
+def test_a_function_is_told_alike_in_every_process():
+    measure = "lambda run: run.cradle.model in {'ho', 'pendulum', 'nsp'}"
+    code = f"""from identification.sweep import QUANTITIES
+from identification.sweep.fingerprint import fingerprint
+print(*map(fingerprint, [*(q.measure for q in QUANTITIES.values()), {measure}]), sep="", end="")"""
+    measures = [*(q.measure for q in QUANTITIES.values()), eval(measure, {"__name__": "__main__"})]
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert done.stdout == "".join(map(fingerprint, measures))
 
 
 PLANNED = """

@@ -106,3 +106,11 @@ def test_a_picture_has_curves_or_maps_with_the_values_of_the_sweep(axes, quantit
     found = np.concatenate([np.ravel(part) for part in shown])
     wanted = np.concatenate([swept[name].ravel() for name in quantities])
     np.testing.assert_array_equal(np.sort(found), np.sort(wanted))
+
+
+def test_a_picture_of_what_has_no_value_says_so():
+    """No pair is synchronized after 2 s; the axis is that of the sweep all the same."""
+    swept = sweep(Grid({"b": [0.1, 0.2, 0.3]}, PAIR, RELEASE), ("synchronization_time",), duration=2.0)
+    (axes,) = sweep_figure(swept).axes
+    assert [text.get_text() for text in axes.texts] == ["no value"]
+    assert axes.get_xlim() == pytest.approx((0.05, 0.35)) and len(axes.get_yticks()) == 0

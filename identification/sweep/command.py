@@ -12,7 +12,7 @@ import numpy as np
 
 from cradle_env import __version__
 from cradle_env.cradle import Cradle, Release
-from identification.files import write, write_json
+from identification.files import check_own, listing, write, write_json
 from identification.results import cradle_values, release_values
 from identification.style import png
 from identification.sweep import explore
@@ -28,6 +28,8 @@ from identification.wording import number, unit_plain
 
 #: A slip of the pen rather than an axis.
 _MOST = 10_000_000
+#: What a sweep is told by, and lists its tables in.
+_STAMP = "sweep.json"
 #: What the paper's groups set, of that which a cradle may ignore.
 _SETS = {"beta": "kappa"}
 
@@ -80,6 +82,7 @@ def run(
 ) -> None:
     """Sweeps, and writes table, picture, summary and, if asked for, the page."""
     check_table(out / asked.table)
+    check_own(out, (asked.table, _STAMP), _STAMP, FORMAT)
     axes = _axes(asked)
     grid = Grid(axes, cradle, release)
     for name in _idle(grid):
@@ -93,10 +96,10 @@ def run(
         settings: dict[str, Any] = {"duration": duration, "sample_rate": sample_rate, "workers": workers}
         swept = sweep(grid, asked.quantities, times=times, out=out, progress=progress, **settings)
         progress("write", None, asked.table)
-        content = _summary(swept, seed)
         swept.save(out / asked.table)
+        content = {**_summary(swept, seed), "files": listing(out, (asked.table,), _STAMP, FORMAT)}
+        write_json(out / _STAMP, content)
         write(out / "sweep.png", png(sweep_figure(swept)))
-        write_json(out / "sweep.json", content)
         if asked.explore:
             tell = lambda _, fraction, text: progress("page", fraction, text)  # noqa: E731
             write(out / "explore.html", explore.explore_html(grid, out=out / "explore", progress=tell, **settings))

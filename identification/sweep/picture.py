@@ -109,9 +109,13 @@ class _Row:
         marker = "." if len(x) <= 60 else None
         for (text, line), style in zip(several, bob_styles(len(several)), strict=True):
             axes.plot(x, line, marker=marker, label=text, **style)
+        if not np.isfinite(values).any():
+            axes.text(0.5, 0.5, "no value", ha="center", va="center", transform=axes.transAxes)
         if second is not None:
             axes.legend()
         _scale(axes.set_xscale, x)
+        if not np.isfinite(self.values).any():  # nothing that is drawn sets the limits
+            axes.set(xlim=_edges(x)[[0, -1]], yticks=[])
         quiet_grid(axes)
 
     def _map(self, axes: Axes, values: np.ndarray) -> Any:

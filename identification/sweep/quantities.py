@@ -9,7 +9,9 @@ from typing import Any
 
 import numpy as np
 
+from cradle_env.cradle import Release
 from cradle_env.errors import unknown_key
+from cradle_env.synchronization import check_duration
 from cradle_env.trajectory import Trajectory
 
 #: Bobs count as synchronized from where on σ stays below this for a whole period.
@@ -21,7 +23,7 @@ class Quantity:
     """What is measured of a run: measure(run) gives a number, or with `series` one for each of run.t, (T,).
 
     ledger: measure needs the energy ledger, with which a run takes about twice as long. `measure` must be a function
-    of a module where it has to travel to other processes.
+    of a module where it has to travel to other processes; once it is edited, a sweep does not go on in its old folder.
     """
 
     name: str
@@ -34,20 +36,19 @@ class Quantity:
 
 
 def _newton_exponent(run: Trajectory) -> float:
-    _require_sigma(run)
+    _check_synchronizes(run)
+    check_duration(run.t[-1])
     return run.newton_exponent()
 
 
 def _sigma(run: Trajectory) -> np.ndarray:
-    _require_sigma(run)
+    _check_synchronizes(run)
     return run.sigma()
 
 
-def _require_sigma(run: Trajectory) -> None:
-    if run.cradle.bobs == 1:
-        raise ValueError("one bob has nothing to synchronize with; take 2 bobs or more")
-    if run.lead()[1] == 0.0:
-        raise ValueError("release angle is 0 rad; σ is relative to it, so lift a bob")
+def _check_synchronizes(run: Trajectory) -> None:
+    assert isinstance(run.release, Release)
+    run.release.check_synchronizes(run.cradle)
 
 
 def synchronized(run: Trajectory) -> int | None:

@@ -16,6 +16,7 @@ import numpy as np
 
 from cradle_env import __version__
 from identification.files import json_text, write_together
+from identification.sweep.fingerprint import fingerprint
 from identification.sweep.grid import Grid
 from identification.sweep.quantities import Quantity
 
@@ -45,7 +46,7 @@ class Plan:
 
     def digest(self) -> str:
         """SHA-256 of all that decides the results."""
-        measures = [(q.name, _name(q.measure)) for q in self.quantities]
+        measures = [(q.name, fingerprint(q.measure)) for q in self.quantities]
         told = [FORMAT, __version__, self.grid.cradle, self.grid.release, measures, self.duration, self.sample_rate]
         sums = hashlib.sha256(repr(told).encode())
         for axis in self.grid.axes:
@@ -53,11 +54,6 @@ class Plan:
                 sums.update(f"{axis.name}/{name}/{len(column)}".encode() + column.tobytes())
         sums.update(self.times.tobytes())
         return sums.hexdigest()
-
-
-def _name(measure: Any) -> str:
-    """A function by its name, any other callable as it shows itself: the same in every process."""
-    return f"{measure.__module__}.{getattr(measure, '__qualname__', repr(measure))}"
 
 
 class Store:

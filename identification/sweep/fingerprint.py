@@ -1,0 +1,66 @@
+"""What decides the results of a function, told alike in every process, and otherwise once the function is edited."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Iterator
+from inspect import getattr_static
+from types import CodeType, FunctionType, MethodType
+from typing import Any
+
+import numpy as np
+
+#: What of code decides what it does: neither its lines nor the names of its variables.
+_CODE = ("co_code", "co_names", "co_freevars", "co_exceptiontable")
+#: Values that tell all of themselves.
+_DATA = (bool, int, float, complex, str, bytes, tuple, list, dict, set, frozenset, np.ndarray, np.generic, type(None))
+
+
+def fingerprint(value: Any, seen: set[int] | None = None) -> str:
+    """Of a callable: its code, its defaults, what it closes over, and what it names of its own module; of what other
+    modules give it the name alone. Of any other value: what it shows of itself; where that is only an address, it is
+    like nothing in another process. seen: ids of functions that are told already.
+    """
+    seen = set() if seen is None else seen
+    tell = functools.partial(fingerprint, seen=seen)
+    parts: list[Any]
+    if isinstance(value, FunctionType):
+        if id(value) in seen:
+            return value.__qualname__
+        seen.add(id(value))
+        closed = [cell.cell_contents for cell in value.__closure__ or ()]
+        parts = [value.__module__, value.__code__, value.__defaults__, value.__kwdefaults__, closed, _named(value)]
+    elif isinstance(value, CodeType):
+        parts = [*(getattr(value, name) for name in _CODE), *value.co_consts]
+    elif isinstance(value, MethodType):
+        parts = [value.__func__, value.__self__]
+    elif isinstance(value, functools.partial):
+        parts = [value.func, value.args, value.keywords]
+    elif isinstance(value, list | tuple):
+        parts = list(value)
+    elif isinstance(value, dict):
+        parts = [item for pair in value.items() for item in pair]
+    elif isinstance(value, np.ndarray):
+        parts = [value.dtype.str, value.shape, value.tolist()]
+    elif hasattr(value, "__wrapped__"):  # as lru_cache and numba make
+        parts = [value.__wrapped__]
+    elif hasattr(value, "__dict__") and isinstance(getattr_static(type(value), "__call__", None), FunctionType):
+        members = [item for kind in type(value).__mro__ for item in vars(kind).items()]
+        parts = [vars(value), *((name, of) for name, of in members if isinstance(of, FunctionType))]
+    else:
+        return "".join(sorted(map(tell, value))) if isinstance(value, set | frozenset) else repr(value)
+    return f"{type(value).__qualname__}({', '.join(map(tell, parts))})"
+
+
+def _named(function: FunctionType) -> dict[str, Any]:
+    """What a function, and those within it, may name of its own module."""
+    found = {name: function.__globals__[name] for name in _names(function.__code__) if name in function.__globals__}
+    own = function.__module__
+    return {name: of for name, of in found.items() if isinstance(of, _DATA) or getattr(of, "__module__", "") == own}
+
+
+def _names(code: CodeType) -> Iterator[str]:
+    yield from code.co_names
+    for constant in code.co_consts:
+        if isinstance(constant, CodeType):
+            yield from _names(constant)
