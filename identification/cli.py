@@ -223,7 +223,8 @@ def sweep(
         list[str] | None,
         typer.Option(metavar="NAME=VALUES", help="An axis: FIRST:LAST:COUNT, with :log evenly in the logarithm, or"
                      " numbers as 2,3,5. NAME: a number of Cradle, alpha, beta, gamma, delta,"
-                     " release_angle, lifted, or EFFECT.KEY. Repeat for a grid."),
+                     " release_angle, lifted, or EFFECT.KEY. κ stays as it is unless beta is an axis. Repeat"
+                     " for a grid."),
     ] = None,
     quantity: Annotated[
         list[str] | None,

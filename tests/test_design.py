@@ -12,10 +12,12 @@ from identification import Experiment
 from identification.cli import main
 from identification.diagnose.advise import _lambda_gradient, advise_on_lambda
 from identification.diagnose.candidates import candidates
-from identification.diagnose.design import _asked
+from identification.diagnose.design import FORMAT, _asked
+from identification.diagnose.design_report import check_folder
 from identification.diagnose.fitted import with_known_noise
 from identification.diagnose.planned import Instrument, Planned, Setting, View, log_bayes
 from identification.diagnose.search import Searcher, Store
+from identification.files import listing
 from tests.independent.laboratory import record, write_experiment
 from tests.independent.soft_contact import SoftCradle
 
@@ -180,6 +182,19 @@ def test_a_diagnosis_is_taken_over(plain, tmp_path, capsys):
         (kept / "diagnosis.json").write_text(text, encoding="utf-8")
         assert main(["design", str(plain), "--out", str(folder), "--diagnosis", str(kept)]) == 2
         assert words in capsys.readouterr().err
+
+
+def test_a_plan_that_was_corrected_is_not_replaced(tmp_path):
+    (tmp_path / "experiment.toml").write_text("planned", encoding="utf-8")
+    with pytest.raises(ValueError, match="no result of this command"):
+        check_folder(tmp_path)  # it may be of the data
+    stamp = tmp_path / "design.json"
+    files = listing(tmp_path, ["experiment.toml"], "design.json", FORMAT)
+    stamp.write_text(json.dumps({"format": FORMAT, "files": files}), encoding="utf-8")
+    check_folder(tmp_path)
+    (tmp_path / "experiment.toml").write_text("planned, and corrected", encoding="utf-8")
+    with pytest.raises(ValueError, match="no result of this command"):
+        check_folder(tmp_path)
 
 
 @pytest.mark.parametrize(

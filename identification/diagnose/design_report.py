@@ -15,7 +15,7 @@ from identification.diagnose.design import FORMAT, Design
 from identification.diagnose.grid import described
 from identification.diagnose.planned import Instrument, Planned
 from identification.experiment_file import FILE_NAME
-from identification.files import check_own, json_text, write_together
+from identification.files import check_own, listing, write_json, write_together
 from identification.page import page
 from identification.style import BLACK, bob_styles, png, quiet_grid, styled
 from identification.wording import Rounding, number, unit_plain
@@ -24,13 +24,16 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+#: Written last.
+_STAMP = "design.json"
 #: Plans in the table.
 _SHOWN = 12
 
 
 def check_folder(folder: Path) -> None:
-    """ExperimentError where the experiment.toml of a folder is not of an earlier design: it may be the data's."""
-    check_own(folder, (FILE_NAME,), "design.json", FORMAT)
+    """ExperimentError where the experiment.toml of a folder is not as an earlier design has written it: it may be of
+    the data, or corrected."""
+    check_own(folder, (FILE_NAME,), _STAMP, FORMAT)
 
 
 def save(design: Design, folder: Path) -> dict[str, Any]:
@@ -39,9 +42,10 @@ def save(design: Design, folder: Path) -> dict[str, Any]:
     picture = png(design_figure(design))
     files: dict[str, str | bytes] = {"design.png": picture, "report.html": html(design, content, picture)}
     check_folder(folder)
-    if not design.advice.in_vain:
-        files["experiment.toml"] = design.experiment_toml()
-    write_together(folder, {**files, "design.json": json_text(content)})
+    planned = {} if design.advice.in_vain else {FILE_NAME: design.experiment_toml()}
+    write_together(folder, {**files, **planned})
+    content["files"] = listing(folder, planned, _STAMP, FORMAT)
+    write_json(folder / _STAMP, content)
     return content
 
 
