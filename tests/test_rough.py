@@ -95,13 +95,13 @@ def test_the_mode_in_kappa_is_the_best_of_its_neighbours(tmp_path):
 @pytest.mark.slow
 def test_random_steps_lead_where_derivatives_do_not(tmp_path, monkeypatch):
     """Of the study's cases with nothing hidden, the one whose readings jump most: 1,100 above its noise at the truth,
-    for the order of impacts there is another one. By derivatives alone descent ends at 9211 to 9732 from eight starts
-    about the truth, by random steps too at 9026 to 9267."""
+    for the order of impacts there is another one. By derivatives alone descent ends at 9245 to 9512 from eight starts
+    about the truth, by random steps too at 8976 to 9343, from these two 418 and 536 lower."""
     apparatus = Apparatus(next(case for case in cases([10]) if case.name == "10-nothing-1"))
     experiment = with_known_noise(Experiment.load(apparatus.write(tmp_path, apparatus.record([], True))))
     likelihood = Searcher(Store(None, ""), 0, None).likelihood(experiment)
     truth, away = placed(likelihood, apparatus.truth), np.array([1e-3, 1e-4, 5e-3, 1e-4])
-    drawn = [(1 + k) * away * np.random.default_rng(k).standard_normal(4) for k in (0, 2)]
+    drawn = [(1 + k) * away * np.random.default_rng(k).standard_normal(4) for k in (1, 4)]
     starts = [refine(likelihood, truth + step, 40)[0] for step in drawn]
     reached = [cost(likelihood, polish(likelihood, start)) for start in starts]
     monkeypatch.setattr(rough, "_MISSES", 0)
