@@ -12,6 +12,7 @@ from unittest import mock
 import numpy as np
 import pytest
 
+from cradle_env import effects
 from identification import Experiment, terminal
 from identification.cli import main
 from identification.diagnose import workflow
@@ -181,11 +182,18 @@ def test_what_a_model_lacks_is_no_slip(tmp_path, hidden):
     assert slips(tmp_path, filmed(hidden)) == ""
 
 
-@pytest.mark.parametrize("scale", [1e-3, pytest.param(-1e-3, marks=pytest.mark.slow)])
-def test_a_clock_a_thousandth_off(tmp_path, scale, monkeypatch):
+@pytest.mark.parametrize(
+    "scale, rivals",
+    [(1e-3, ("added_mass", "angle_scale", "contact_duration", "quadratic_drag")),
+     *(pytest.param(scale, None, marks=pytest.mark.slow) for scale in (1e-3, -1e-3))],
+)  # fmt: skip
+def test_a_clock_a_thousandth_off(tmp_path, scale, rivals, monkeypatch):
     """A clock that runs fast looks like longer strings and added mass; one that runs slow, which would need a negative
-    mass, like shorter strings."""
+    mass, like shorter strings. rivals: the catalogue beside the clock, the whole where None."""
     monkeypatch.setattr(workflow, "_advice", lambda *_: None)  # half of the time, and nothing of it is judged here
+    if rivals:
+        kept = ("clock_scale", *rivals, *effects.MODELS["nsp"], *(e.name for e in effects.LEARNED))
+        monkeypatch.setattr(effects, "_EFFECTS", {name: effects.effect(name) for name in kept})
     path = write_experiment(tmp_path, [filmed({"clock_scale": {"scale": scale}}, duration=10.0)], stated=STATED)
     assert main(["diagnose", str(path), "--out", str(tmp_path), "--workers", "1"]) == 0
     content = json.loads((tmp_path / "diagnosis.json").read_text(encoding="utf-8"))
