@@ -17,8 +17,10 @@ from identification.runs import Run
 #: Points drawn over the search box; refined on the early data are the best of each of so many slices of κ, and so many
 #: of the best of all; how far apart modes are in ln κ at least; how many of those found are refined on all data.
 _DRAWS, _SLICES, _BEST, _APART, _FINISHED = 240, 12, 6, 2e-3, 2
-#: The early data, in small-angle periods: over them the misfit is nearly convex in the stiffness of the strings.
+#: The early data, in small-angle periods: over them the misfit is nearly convex in the stiffness of the strings. Where
+#: how the strings begin is unknown too, over fewer; then so many of the best modes go on to twice as many periods.
 _EARLY_PERIODS = 8.0
+_FREE_PERIODS, _GOING_ON = (2.0, 4.0), (10, 5)
 #: Relative steps of κ at which its shallow modes, 1–2 % apart, are looked for around the best point.
 _LADDER = (-0.06, -0.045, -0.03, -0.02, -0.01, 0.01, 0.02, 0.03, 0.045, 0.06)
 #: The residual [sigma] of every reading at an impossible point.
@@ -48,22 +50,31 @@ def find_mode(likelihood: Likelihood, seed: int = 0, progress: Progress | None =
     refined on it, the modes so found on all data, and neighbouring values of κ tried around the winner."""
     tell = progress or (lambda *_: None)
     rng = np.random.default_rng(seed)
-    early = Likelihood(likelihood.experiment, early_rows(likelihood), likelihood.workers, likelihood.parameters)
+    free = any(run.state == "free" for run in likelihood.experiment.runs)
+    stages = [
+        Likelihood(likelihood.experiment, early_rows(likelihood, periods), likelihood.workers, likelihood.parameters)
+        for periods in ((*_FREE_PERIODS, _EARLY_PERIODS) if free else (_EARLY_PERIODS,))
+    ]
     width = np.array([u.search for u in likelihood.unknowns])
     starts = likelihood.start() + width * rng.uniform(-1.0, 1.0, (_DRAWS, len(width)))
     starts[0] = likelihood.start()
     starts = np.clip(starts, *bounds(likelihood))
     tell("search", 0.0, f"{_DRAWS} points")
-    costs = np.array(in_threads(lambda z: cost(early, z), list(starts), likelihood.workers))
-    chosen = _worth_refining(likelihood, starts, costs)
-    parts = len(chosen) + _FINISHED + 2
-    refined = []
-    for k, i in enumerate(chosen):
-        tell("search", (k + 1) / parts, "refining on the early data")
-        refined.append(refine(early, starts[i], 15))
+    costs = np.array(in_threads(lambda z: cost(stages[0], z), list(starts), likelihood.workers))
+    chosen = [starts[i] for i in _worth_refining(likelihood, starts, costs)]
+    parts = len(chosen) + (sum(_GOING_ON) if free else 0) + _FINISHED + 2
+    refined, done = [], 0
+    for early, going_on in zip(stages, (*_GOING_ON, 0), strict=False):
+        refined = []
+        for point in chosen:
+            done += 1
+            tell("search", done / parts, "refining on the early data")
+            refined.append(refine(early, point, 15))
+        refined.sort(key=lambda pair: pair[1])
+        chosen = [point for point, _ in refined[:going_on]]
     finished = []
     for k, point in enumerate(_distinct(likelihood, refined)[:_FINISHED]):
-        tell("search", (len(chosen) + k + 1) / parts, "refining on all data")
+        tell("search", (done + k + 1) / parts, "refining on all data")
         finished.append(refine(likelihood, point, 20))
     point, least = min(finished, key=lambda pair: pair[1])
     if not math.isfinite(least):
@@ -137,9 +148,9 @@ def refit(likelihood: Likelihood, point: np.ndarray) -> np.ndarray:
     return refine(likelihood, point, 40)[0]
 
 
-def early_rows(likelihood: Likelihood) -> list[np.ndarray]:
+def early_rows(likelihood: Likelihood, periods: float = _EARLY_PERIODS) -> list[np.ndarray]:
     """The rows of the first periods of each run."""
-    limit = _EARLY_PERIODS * likelihood.experiment.cradle.period
+    limit = periods * likelihood.experiment.cradle.period
     return [
         rows & (run.times <= run.fit_from + limit)
         for run, rows in zip(likelihood.experiment.runs, likelihood.rows, strict=True)

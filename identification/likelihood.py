@@ -18,7 +18,7 @@ from identification.experiment import Experiment
 from identification.measurement import Instrument
 from identification.noise import noise_of
 from identification.runs import Run
-from identification.unknowns import Unknown, model_unknowns, run_unknowns
+from identification.unknowns import Unknown, model_unknowns, run_unknowns, sag
 
 #: Sampling of θ_n for σ and λ [1/s].
 LAMBDA_RATE = 240.0
@@ -123,10 +123,11 @@ class Likelihood:
 
         stretch = each("stretch")
         cradle = self.cradle(values, run)
-        r = None if stretch is None else hanging_radius(cradle) + stretch
+        tension_ratio = each("tension_ratio")
+        r = None if stretch is None else hanging_radius(cradle, tension_ratio) + stretch
         theta, theta_dot = each("theta"), each("theta_dot")
         assert theta is not None and theta_dot is not None
-        return InitialState(theta, theta_dot, r, each("r_dot"), each("tension_ratio")), run.fit_from
+        return InitialState(theta, theta_dot, r, each("r_dot"), tension_ratio), run.fit_from
 
     def predict(self, point: np.ndarray, index: int, rows: np.ndarray, with_lambda: bool = False):
         """(readings (T, N) of run `index` at its times[rows], λ [1/s] of the same run or nan)."""
@@ -234,9 +235,11 @@ class Likelihood:
         return residuals
 
 
-def hanging_radius(cradle: Cradle) -> np.ndarray:
-    """r of each bob where it hangs alone [m], (N,)."""
-    return equilibrium(cradle.replace(delta=1.0))[1]
+def hanging_radius(cradle: Cradle, tension_ratio: np.ndarray | None = None) -> np.ndarray:
+    """r of each bob where it hangs alone [m], (N,), on strings of this tension over that of new ones, (N,): worn in,
+    they give way further."""
+    new = equilibrium(cradle.replace(delta=1.0))[1]
+    return new if tension_ratio is None else new + sag(cradle) * (1.0 / tension_ratio - 1.0)
 
 
 def lifted_further(release: Release, error: float) -> Release:

@@ -37,6 +37,9 @@ _BOUNDS = {"delta": (-1.0, math.inf), "poisson_ratio": (-1.0, 0.5), "restitution
 _FACTOR = {"k_f": 1000.0, "kappa": 10.0, "b": 100.0}
 #: Width of the global search in the logarithm: stated values are good to some tens of percent, b to a factor.
 SEARCH = {"k_f": 0.25, "kappa": 0.15, "b": 0.5}
+#: Tension of strings over that of new ones from which a search begins: they wear in from 1 to 1/2 in seconds to a
+#: minute of swinging, and stay there.
+WORN = 0.6
 
 
 @dataclass(frozen=True)
@@ -193,14 +196,24 @@ def run_unknowns(experiment: Experiment, index: int, noise: float) -> list[Unkno
             add(f"theta[{i + 1}]", "rad", f"θ_{i + 1}", theta[i], low=-math.pi, high=math.pi)
             add(f"theta_dot[{i + 1}]", "rad/s", f"θ̇_{i + 1}", theta_dot[i])
         if cradle.has("radial_elasticity"):
-            # Strings at fit_from are near their hanging stretch, and ripple by a part of it.
-            hanging = cradle.mass * cradle.gravity / cradle.radial_stiffness
-            speed = 0.3 * hanging * math.sqrt(cradle.radial_stiffness / cradle.mass)
+            # Strings ripple by a part of what the bob's weight stretches them by.
+            ripple = 0.3 * sag(cradle)
+            speed = ripple * math.sqrt(cradle.radial_stiffness / cradle.mass)
             for i in range(cradle.bobs):
-                add(f"stretch[{i + 1}]", "m", f"Δr_{i + 1}", 0.0, mean=0.0, sd=0.3 * hanging)
+                add(f"stretch[{i + 1}]", "m", f"Δr_{i + 1}", 0.0, mean=0.0, sd=ripple)
                 add(f"r_dot[{i + 1}]", "m/s", f"ṙ_{i + 1}", 0.0, mean=0.0, sd=speed)
                 if cradle.has("string_hysteresis"):
-                    add(f"tension_ratio[{i + 1}]", "1", f"T_{i + 1}", 0.9, low=0.3, high=1.0, mean=0.95, sd=0.1)
+                    add(
+                        f"tension_ratio[{i + 1}]",
+                        "1",
+                        f"T_{i + 1}",
+                        WORN,
+                        low=0.3,
+                        high=1.0,
+                        mean=0.65,
+                        sd=0.2,
+                        search=0.3,
+                    )
     if run.rest == "free":
         unit, width = ("rad", 0.02) if run.quantity == "theta" else ("m", 0.02 * cradle.length)
         for i in run.bobs_seen:
@@ -209,6 +222,11 @@ def run_unknowns(experiment: Experiment, index: int, noise: float) -> list[Unkno
         unit = "rad" if run.quantity == "theta" else "m"
         add("noise", unit, "σ_n", noise, low=1e-3 * noise, high=1e4 * noise, log=True)
     return found
+
+
+def sag(cradle: Cradle) -> float:
+    """By how much a bob's weight stretches new strings, along r [m]."""
+    return cradle.mass * cradle.gravity / cradle.radial_stiffness
 
 
 def first_motion(cradle: Cradle, run: Run) -> tuple[np.ndarray, np.ndarray]:

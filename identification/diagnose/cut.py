@@ -20,6 +20,7 @@ from identification.diagnose.windows import divided
 from identification.fit import bounds, safe_residuals, steps
 from identification.likelihood import Likelihood, hanging_radius
 from identification.runs import Run
+from identification.unknowns import WORN
 
 #: Width of a window, in small-angle periods, and evaluations by which its start states are found.
 _WIDTH, _EVALUATIONS = 3.0, 12
@@ -121,7 +122,7 @@ def _states(fitted: Fitted, index: int, starts: np.ndarray) -> list[dict[str, fl
     """Of run `index` at each time [s], the model's state by the names of the unknowns of a free start."""
     motion = fitted.likelihood.motion(fitted.values, index, starts)
     cradle = motion.cradle
-    hanging = hanging_radius(cradle)
+    hanging = hanging_radius(cradle, np.full(cradle.bobs, WORN) if cradle.has("string_hysteresis") else None)
     found = []
     for row in range(len(starts)):
         state = {}
