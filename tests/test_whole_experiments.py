@@ -74,6 +74,20 @@ def test_the_digest_follows_the_data():
     assert Experiment(made.cradle, (made.runs[0], moved), made.infer).digest != made.digest
 
 
+def test_the_digest_follows_what_python_changes(tmp_path):
+    """However the experiment was made: no result of one may be gone on with for another."""
+    made = two_runs()
+    for experiment in (made, Experiment.load(made.save(tmp_path))):
+        run = experiment.runs[0]
+        changes = (
+            {"cradle": experiment.cradle.replace(mass=0.5)},
+            {"runs": (dataclasses.replace(run, readings=1.01 * run.readings), *experiment.runs[1:])},
+            {"infer": {**experiment.infer, "length": Prior(mean=0.3, sd=0.02)}},
+        )
+        digests = {dataclasses.replace(experiment, **change).digest for change in changes}
+        assert len(digests | {experiment.digest}) == 4
+
+
 def test_from_arrays_and_what_python_cannot_state(tmp_path):
     t, readings = np.arange(3.0), np.zeros((3, 2))
     experiment = Experiment.from_arrays(Cradle(bobs=2), t, readings, Release(angle=0.1), noise=1e-3)
