@@ -66,6 +66,16 @@ def test_every_axis_sets_what_its_name_says(axes, cradle, release):
     assert Grid(axes, PAIR, RELEASE).point(0) == (cradle, release)
 
 
+def test_release_angles_that_are_stated_one_by_one_are_swept_in_proportion():
+    release = Release(angles={1: -0.2, 2: 0.1}, start="hanging")
+    for axes, expected in (
+        ({"release_angle": [0.05]}, Release(angles={1: -0.1, 2: 0.05}, start="hanging")),
+        ({"release_angle": [0.05], "lifted": [1]}, Release(angle=0.05, start="hanging")),
+        ({"lifted": [1]}, Release(angle=0.1, start="hanging")),
+    ):
+        assert Grid(axes, PAIR, release).point(0)[1] == expected
+
+
 def test_the_last_axis_changes_fastest_and_columns_of_an_axis_together():
     grid = Grid({"delta": [0.0, 0.01], "draw": {"k_f": [1e4, 2e4, 3e4], "b": [0.1, 0.2, 0.3]}}, PAIR, RELEASE)
     assert (grid.shape, len(grid), grid.names) == ((2, 3), 6, ("delta", "k_f", "b"))
