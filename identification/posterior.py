@@ -259,6 +259,7 @@ class Posterior:
             "walkers": W,
             "seed": self.seed,
             "experiment": json.dumps(self.experiment.texts()),
+            "inputs": self.experiment.digest,
             "convergence": json.dumps(dataclasses.asdict(self.convergence)),
             "gap": json.dumps([self.gap.train, self.gap.held_out, {k: v.tolist() for k, v in self.gap.rms.items()}]),
         }
@@ -290,6 +291,8 @@ class Posterior:
             for name, text in json.loads(posterior.attrs["experiment"]).items():
                 (Path(folder) / name).write_text(text, encoding="utf-8")
             experiment = Experiment.load(Path(folder) / "experiment.toml")
+        # What it holds is the experiment as it was rewritten; results go by the files that were calibrated.
+        experiment = experiment.read_from(posterior.attrs.get("inputs", experiment.digest))
         likelihood = Likelihood(experiment, workers=workers, parameters=[name for name in SEARCH if name in posterior])
         W = int(posterior.attrs["walkers"])
 
