@@ -1,5 +1,6 @@
 """The command line: what it writes, how it ends, and what it says when it refuses."""
 
+import dataclasses
 import json
 import signal
 import subprocess
@@ -446,7 +447,9 @@ def test_a_prediction_takes_a_draw_at_least(calibrated):
 
 def test_prediction_follows_its_seed(calibrated):
     posterior = Posterior.load(calibrated / "posterior.nc")
-    np.testing.assert_array_equal(posterior.draws(5), posterior.draws(5))
+    again, other = dataclasses.replace(posterior), dataclasses.replace(posterior, seed=posterior.seed + 1)
+    np.testing.assert_array_equal(posterior.draws(5), again.draws(5))
+    assert not np.array_equal(posterior.draws(5), other.draws(5))
 
 
 KILLED = """

@@ -154,6 +154,8 @@ def test_json_knows_no_nan(tmp_path):
         (-3.2e-4, 1.0e-4, "−320", -6),
         (0.0, 0.0, "0.0000", 0),
         (0.0597, 9.97e-5, "0.05970", 0),
+        (3.0e-6, 1.2e-3, "0.0", -3),
+        (-2.0e-5, 0.05, "0.000", 0),
     ],
 )
 def test_numbers_are_rounded_to_their_uncertainty(value, sd, text, exponent):
