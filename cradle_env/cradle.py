@@ -297,6 +297,15 @@ class Release:
         end = int(lifted[-1] if np.isfinite(angles[-1]) or not np.isfinite(angles[0]) else lifted[0])
         return end, float(abs(angles[end]))
 
+    def lifted_to(self, angle: float, cradle: Cradle) -> Release:
+        """The same bobs at other angles: the lead angle as asked [rad], the rest of `angles` in proportion."""
+        if self.angles is None:
+            return dataclasses.replace(self, angle=angle)
+        lead = self.lead(cradle)[1]
+        if lead == 0.0:
+            raise ValueError("release angles are all 0 rad; no other angle is in proportion to them, so state all anew")
+        return dataclasses.replace(self, angles={bob: own / lead * angle for bob, own in self.angles.items()})
+
     def check_synchronizes(self, cradle: Cradle) -> None:
         """ValueError where bobs let go like this have nothing to synchronize with: σ and λ would mean nothing."""
         angles, bobs = np.nan_to_num(self.angles_of(cradle)), cradle.bobs

@@ -83,12 +83,11 @@ def described(
             unit = next(p.unit for p in effect(of).parameters if p.key == key)
             told = f"{source} states no {name}; {cradle.effects[of][key]} {unit_plain(unit)}".rstrip() + " is taken"
             print(f"cradle: {told}; --effect {name}=VALUE states another", file=sys.stderr)
-    if angle is not None or lifted is not None:
-        release = Release(
-            angle=release.lead(cradle)[1] if angle is None else angle,
-            bobs=release.bobs if lifted is None else lifted,
-            start=release.start,
-        )
+    if lifted is not None:
+        angle = release.lead(cradle)[1] if angle is None else angle
+        release = Release(angle=angle, bobs=lifted, start=release.start)
+    elif angle is not None:
+        release = release.lifted_to(angle, cradle)
     return cradle, release if start is None else dataclasses.replace(release, start=start)
 
 

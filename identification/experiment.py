@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import hashlib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -25,8 +26,7 @@ class Experiment:
     cradle: with its model; what is to be inferred stands at where to start. runs: at least one. infer: priors of
     unknowns beside k_f, kappa and b (or of these), by field of Cradle or by "effect.parameter".
     unknown_effect_parameters: "effect.parameter" of those without a known value. path: of the experiment.toml that
-    it was read from; digest: SHA-256 over that file and its data, as read or, if made in Python, as they would be
-    saved.
+    it was read from.
 
     Raises ValueError if these do not fit together.
     """
@@ -36,7 +36,6 @@ class Experiment:
     infer: Mapping[str, Prior] = field(default_factory=dict)
     unknown_effect_parameters: tuple[str, ...] = ()
     path: Path | None = None
-    digest: str = ""
 
     def __post_init__(self) -> None:
         if not self.runs:
@@ -52,8 +51,16 @@ class Experiment:
                 "and infer spacer_offset.offset, by which gaps differ from what is stated"
             )
         object.__setattr__(self, "infer", MappingProxyType(dict(self.infer)))
-        if not self.digest:
-            object.__setattr__(self, "digest", _digest(*(text.encode() for text in self.texts().values())))
+
+    @functools.cached_property
+    def digest(self) -> str:
+        """SHA-256 over its files: as they were read or, if made or changed in Python, as they would be saved."""
+        return _digest(*(text.encode() for text in self.texts().values()))
+
+    def read_from(self, digest: str) -> Experiment:
+        """This experiment, as read from files of that digest; what `dataclasses.replace` makes of it has its own."""
+        vars(self)["digest"] = digest
+        return self
 
     def cradle_of(self, run: Run) -> Cradle:
         """The cradle with the δ of one run."""
@@ -87,7 +94,7 @@ class Experiment:
     @classmethod
     def _parse(cls, text: str, path: Path, data: bytes) -> Experiment:
         cradle, runs, infer, unknown, recorded = read_experiment(text, path)
-        return cls(cradle, runs, infer, unknown, path, _digest(data, *recorded))
+        return cls(cradle, runs, infer, unknown, path).read_from(_digest(data, *recorded))
 
     def save(self, directory: str | Path) -> Path:
         """Writes experiment.toml and its data into a folder, in SI units; the path of experiment.toml."""

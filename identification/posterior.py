@@ -172,15 +172,15 @@ class Posterior:
         duration: float = WINDOW[1],
         sample_rate: float = 240.0,
     ) -> Prediction:
-        """σ(t) and λ at any δ, release angle [rad] and number of bobs, over `count` draws; the first run's where
-        omitted. Raises ValueError for impossible settings."""
+        """σ(t) and λ at any δ, release angle [rad] and number of bobs, over `count` draws; of the first run where
+        omitted. Its bobs are lifted, at angles in proportion. Raises ValueError for impossible settings."""
         count = int(check_range("count", count, "", 1, remedy="each draw of the posterior is a run"))
         release, calibrated = self.release(), self.experiment.cradle.bobs
         bobs = calibrated if bobs is None else bobs
-        if release_angle is not None or bobs != calibrated:
-            angle = release.lead(self.experiment.cradle)[1] if release_angle is None else release_angle
-            lifted = 1 if release.angle is None else release.bobs
-            release = Release(angle=angle, bobs=lifted, start=release.start)
+        if release_angle is not None:
+            release = release.lifted_to(release_angle, self.experiment.cradle)
+        if bobs != calibrated:
+            release = _of_other_bobs(release, calibrated, bobs)
         cradles, releases = [], []
         for point in self.draws(count):
             values = self.likelihood.values(point)
@@ -259,6 +259,7 @@ class Posterior:
             "walkers": W,
             "seed": self.seed,
             "experiment": json.dumps(self.experiment.texts()),
+            "inputs": self.experiment.digest,
             "convergence": json.dumps(dataclasses.asdict(self.convergence)),
             "gap": json.dumps([self.gap.train, self.gap.held_out, {k: v.tolist() for k, v in self.gap.rms.items()}]),
         }
@@ -290,6 +291,8 @@ class Posterior:
             for name, text in json.loads(posterior.attrs["experiment"]).items():
                 (Path(folder) / name).write_text(text, encoding="utf-8")
             experiment = Experiment.load(Path(folder) / "experiment.toml")
+        # What it holds is the experiment as it was rewritten; results go by the files that were calibrated.
+        experiment = experiment.read_from(posterior.attrs.get("inputs", experiment.digest))
         likelihood = Likelihood(experiment, workers=workers, parameters=[name for name in SEARCH if name in posterior])
         W = int(posterior.attrs["walkers"])
 
@@ -311,6 +314,20 @@ class Posterior:
             Gap(train, held_out, {part: np.array(values) for part, values in by_bob.items()}),
             int(posterior.attrs["seed"]),
         )
+
+
+def _of_other_bobs(release: Release, calibrated: int, bobs: int) -> Release:
+    """A release of so many bobs for another number of them; ValueError where it then lifts others."""
+    angles = release.angles or {}
+    highest = range(calibrated - len(angles) + 1, calibrated + 1)
+    if angles and sorted(angles) == [*highest] and len(set(angles.values())) == 1:
+        return Release(angle=angles[calibrated], bobs=len(angles), start=release.start)
+    if calibrated in angles or max(angles, default=0) > bobs:
+        raise ValueError(
+            f"bobs is {bobs}, but the release calibrated names bob {max(angles)} of {calibrated};"
+            f" predict for {calibrated} bobs"
+        )
+    return release
 
 
 def statistics(samples: np.ndarray) -> dict[str, Any]:

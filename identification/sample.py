@@ -16,6 +16,7 @@ import h5py
 import numpy as np
 
 from identification.files import ExperimentError
+from identification.fingerprint import program
 from identification.fit import Mode, Progress, well_conditioned
 from identification.likelihood import Jumps, Likelihood
 from identification.posterior import Convergence
@@ -81,7 +82,7 @@ class Checkpoint:
         try:
             with _open(self.path, "r") as file:
                 digest, names, _ = file.attrs["inputs"], list(file.attrs["names"]), file["jumps"]
-                seed = int(file.attrs["seed"])
+                seed, by = int(file.attrs["seed"]), file.attrs.get("program")
         except (OSError, KeyError) as problem:
             raise ExperimentError(f"{self.path}: not a chain that can be resumed ({problem}); remove it") from None
         if digest != self.likelihood.experiment.digest or names != self.likelihood.names:
@@ -93,6 +94,11 @@ class Checkpoint:
                 f"{self.path}: holds chains of seed {seed}, not {self.seed}; give that one, choose another --out, "
                 "or remove the file"
             )
+        if by != program(self.likelihood.experiment.cradle.composition):
+            raise ExperimentError(
+                f"{self.path}: holds chains by another version of the program, or of an effect from outside it;"
+                " go on with that one, choose another --out, or remove the file"
+            )
         return True
 
     def begin(self, mode: Mode, jumps: Sequence[Jumps]) -> None:
@@ -101,6 +107,7 @@ class Checkpoint:
         with _open(part, "w") as file:
             file.attrs["inputs"] = self.likelihood.experiment.digest
             file.attrs["names"] = self.likelihood.names
+            file.attrs["program"] = program(self.likelihood.experiment.cradle.composition)
             file.attrs["seed"] = self.seed
             _write_mode(file, 0, mode)
             file.create_group("jumps")

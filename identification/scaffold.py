@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import os
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +16,12 @@ from identification.experiment_file import FILE_NAME, FORMAT
 from identification.files import ExperimentError, write_together
 from identification.recording import Recording
 from identification.toml_file import toml_text
+
+#: How well the first rows tell an angle [rad], and the share of itself by which a guessed length is off; 1 sigma.
+_ANGLE_SD, _LENGTH_SD = 0.002, 0.5
+#: Parts of its way to rest that a bob has gone while it still counts as held, and once it surely swings; and how many
+#: times as long as from one to the other it may take to the first if it is let go at once: on a cosine 0.76.
+_STILL, _SWINGS, _AT_ONCE = 0.1, 0.5, 1.5
 
 
 def scaffold(data_csv: Path, out: Path | None = None, *, overwrite: bool = False) -> Path:
@@ -38,7 +45,11 @@ def scaffold(data_csv: Path, out: Path | None = None, *, overwrite: bool = False
         raise ExperimentError(f"{name!r}: this name cannot be written into a file; rename the data")
     text = scaffold_text(recording, name)
     out.parent.mkdir(parents=True, exist_ok=True)
-    Experiment.parse(text, out)
+    try:
+        Experiment.parse(text, out)
+    except ExperimentError as problem:  # with what is guessed from the data, in a file that is not written
+        what = str(problem).partition(": run[1]: ")[2]
+        raise ExperimentError(f"{data_csv}: {what}") if what else problem from None
     write_together(out.parent, {out.name: text})
     return out
 
@@ -67,6 +78,7 @@ def scaffold_text(recording: Recording, file: str) -> str:
     if steepest > math.pi:
         angles = {}
     base = "nsp" if bobs > 1 and steepest <= 1.5 else "pendulum"
+    held = _held(recording, moved, lifted) if steepest <= 1.5 else None
     rest = "free" if recording.absolute else "known"
     unit = recording.unit
     lines = [
@@ -89,10 +101,12 @@ def scaffold_text(recording: Recording, file: str) -> str:
         "",
         "[[run]]",
         f"file = {toml_text(file)}",
-        *_release_lines(angles, bobs),
+        *_release_lines(angles, bobs, *_angle_sd(recording, lifted, length), held),
         "delta = 0.0  # gap between pivots over the diameter of a bob, less 1: 0 where bobs just touch at rest",
         f"# noise = {0.001 / recording.scale:.3g}  # {unit}, 1 sigma of one reading; inferred where omitted",
-        f"# fit_from = {max(0.0, recording.times[0]):g}  # s; earlier data are not used: a messy release, say",
+        f"# fit_from = {max(0.0, recording.times[0]):g}  # s; earlier data are not used: a messy release, say"
+        if held is None
+        else f"fit_from = {held[1]:g}  # s; earlier data are not used: the bobs are held",
         f"# fit_to = {recording.times[-1]:g}  # s; later data are held out, to test predictions on",
         f'rest = "{rest}"  # "free" if the rest position of each bob in the file is uncertain',
         "",
@@ -120,7 +134,47 @@ def _lifted(recording: Recording, moved: np.ndarray, widest: float) -> dict[int,
     return {bob: x for bob, x in first.items() if abs(x) > 0.5 * largest}
 
 
-def _release_lines(angles: dict[int, float], bobs: int) -> list[str]:
+def _held(recording: Recording, moved: np.ndarray, lifted: Iterable[int]) -> tuple[float, float] | None:
+    """When bobs that are held at first begin to move, and the first row in which they all do [s]; None if they are let
+    go at once, or not at all. The time scale is that of the fall itself: the length is a guess."""
+    found = []
+    for bob in lifted:
+        seen = ~np.isnan(moved[:, bob - 1])
+        t, x = recording.times[seen], moved[seen, bob - 1]
+        gone = 1.0 - x / x[0]
+        if (gone > _SWINGS).any():
+            swings = int(np.argmax(gone > _SWINGS))
+            still = int(np.flatnonzero(gone[:swings] < _STILL)[-1])
+            if t[still] > _AT_ONCE * (t[swings] - t[still]):
+                passed = ((_STILL, still + 1), (_SWINGS, swings))
+                early, late = (np.interp(part, gone[i - 1 : i + 1], t[i - 1 : i + 1]) for part, i in passed)
+                phases = math.acos(1.0 - _STILL), math.acos(1.0 - _SWINGS)  # of a cosine
+                begin = early - (late - early) * phases[0] / (phases[1] - phases[0])
+                found.append((float(begin), float(t[still + 1])))
+    return max(found, default=None)
+
+
+def _angle_sd(recording: Recording, lifted: Mapping[int, float], length: float) -> tuple[float, str]:
+    """How well the release angle is known [rad], and what to tell of it."""
+    if recording.quantity != "x" or not lifted:
+        return _ANGLE_SD, "from the first rows; check"
+    bob, x = max(lifted.items(), key=lambda item: abs(item[1]))
+    column, off, of_rest = recording.readings[:, bob - 1], 0.0, ""
+    if recording.absolute:  # the rest lies between the median and the middle, that of bobs that swing alone
+        off = abs(0.5 * float(np.nanmin(column) + np.nanmax(column)) - float(np.nanmedian(column)))
+        of_rest = ", x is counted from the median, which is not quite its rest"
+    slope = 1.0 / math.sqrt(max(1.0 - (x / length) ** 2, 0.01)) / length
+    then = math.hypot(_ANGLE_SD, off * slope)
+    told = (
+        f"from the first rows: asin({x:.4g} m / length), as uncertain as length is while it is a guess;"
+        f" state both anew once it is measured, angle_sd = {then:.1g} then{of_rest}"
+    )
+    return math.hypot(then, _LENGTH_SD * x * slope), told
+
+
+def _release_lines(
+    angles: Mapping[int, float], bobs: int, angle_sd: float, told: str, held: tuple[float, float] | None
+) -> list[str]:
     """The release and the state from which a run starts."""
     if not angles:
         return [
@@ -133,7 +187,13 @@ def _release_lines(angles: dict[int, float], bobs: int) -> list[str]:
         which = f"bobs = {len(angles)}, angle = {np.mean(values):.4g}"
     else:
         which = "angles = { " + ", ".join(f"{bob} = {angle:.4g}" for bob, angle in angles.items()) + " }"
+    release = f'release = {{ {which}, angle_sd = {angle_sd:.2g}, start = "unstretched" }}  # rad, {told}'
+    states = '"free": the initial state is inferred, at fit_from; "release": starts at t = 0, at rest, as stated'
+    if held is None:
+        return [release, f'state = "release"  # {states}']
     return [
-        f'release = {{ {which}, angle_sd = 0.002, start = "unstretched" }}  # rad, from the first rows; check',
-        'state = "release"  # starts at t = 0, at rest, as stated; "free": the initial state is inferred',
+        f"# {release}",
+        f"# The bobs are held until {held[0]:.2f} s, the time of the release. With that subtracted from t in the data,"
+        ' write state = "release", and neither fit_from nor the # before release.',
+        f'state = "free"  # {states}',
     ]

@@ -63,8 +63,9 @@ class Rounding:
 
     @classmethod
     def of(cls, value: float, sd: float) -> Rounding:
-        """Two digits of the uncertainty; a power of ten, by threes, for what is below 0.01 or from 100 000 on."""
-        size = abs(value) if value else abs(sd)
+        """Two digits of the uncertainty; a power of ten, by threes, where value or uncertainty, whichever is larger, is
+        below 0.01 or from 100 000 on."""
+        size = max(abs(value), abs(sd)) if math.isfinite(sd) else abs(value)
         plain = size == 0.0 or not math.isfinite(size) or 0.01 <= size < 1e5
         exponent = 0 if plain else 3 * math.floor(math.log10(size) / 3.0)
         step = sd if math.isfinite(sd) and sd > 0.0 else (size or 1.0) * 1e-3
@@ -75,7 +76,8 @@ class Rounding:
         """The value in units of 10^exponent."""
         if value is None or not math.isfinite(value):
             return "–"
-        return f"{value / 10.0**self.exponent:.{self.decimals}f}".replace("-", "−")
+        rounded = round(value / 10.0**self.exponent, self.decimals) + 0.0  # no −0
+        return f"{rounded:.{self.decimals}f}".replace("-", "−")
 
 
 def rounding_of(statistics: Mapping[str, Any]) -> Rounding:

@@ -1,5 +1,6 @@
 """The command line: what it writes, how it ends, and what it says when it refuses."""
 
+import dataclasses
 import json
 import signal
 import subprocess
@@ -428,6 +429,17 @@ def test_asking_for_what_was_calibrated_changes_nothing(calibrated):
     np.testing.assert_array_equal(own.sigma, asked.sigma)
 
 
+def test_a_prediction_tells_the_inputs_of_its_calibration(pair, tmp_path):
+    """Those are the files as they were written, comments included."""
+    path = pair.save(tmp_path)
+    path.write_text("# of my cradle\n" + path.read_text(encoding="utf-8"), encoding="utf-8")
+    posterior = made_up_posterior(Experiment.load(path), steps=20)
+    file = posterior.save(tmp_path / "posterior.nc")
+    assert run("predict", file, "--draws", 2, "--out", tmp_path) == 0
+    predicted = json.loads((tmp_path / "prediction.json").read_text())
+    assert predicted["inputs"] == posterior.summary()["inputs"] == Experiment.load(path).digest != pair.digest
+
+
 def test_a_prediction_takes_a_draw_at_least(calibrated):
     with pytest.raises(ValueError, match="count is 0; it must be at least 1"):
         Posterior.load(calibrated / "posterior.nc").predict(count=0)
@@ -435,7 +447,9 @@ def test_a_prediction_takes_a_draw_at_least(calibrated):
 
 def test_prediction_follows_its_seed(calibrated):
     posterior = Posterior.load(calibrated / "posterior.nc")
-    np.testing.assert_array_equal(posterior.draws(5), posterior.draws(5))
+    again, other = dataclasses.replace(posterior), dataclasses.replace(posterior, seed=posterior.seed + 1)
+    np.testing.assert_array_equal(posterior.draws(5), again.draws(5))
+    assert not np.array_equal(posterior.draws(5), other.draws(5))
 
 
 KILLED = """

@@ -11,7 +11,7 @@ import pytest
 
 import cradle_env  # noqa: F401  registers the environments
 from cradle_env import Cradle, Release, effects, simulate
-from cradle_env.effects import effect
+from cradle_env.effects import CATALOGUE, LEARNED, effect, register
 from cradle_env.effects.elements import with_value
 from cradle_env.model_files import read_model
 from identification import Experiment, diagnose
@@ -221,7 +221,19 @@ def test_fits_by_other_code_are_not_used(plain, tmp_path, monkeypatch):
     experiment = Experiment.load(plain)
     Store.of(tmp_path, experiment, 0).point("key", lambda: np.array([1.0]))
     assert Store.of(tmp_path, experiment, 0).points
-    monkeypatch.setattr("identification.diagnose.search._code", lambda: "other")
+    monkeypatch.setattr("identification.diagnose.search.program", lambda _: "other")
+    assert not Store.of(tmp_path, experiment, 0).points
+
+
+def test_fits_of_an_edited_effect_are_not_used(plain, tmp_path, monkeypatch):
+    """Be it a candidate only."""
+    experiment = Experiment.load(plain)
+    monkeypatch.setattr("cradle_env.effects._EFFECTS", {e.name: e for e in (*CATALOGUE, *LEARNED)})
+    declaration = dataclasses.replace(effect("quadratic_drag"), name="gusts", apply=None)
+    register(dataclasses.replace(declaration, force=lambda t, r, theta, v_r, v_t, p: (0.0, p[0])))
+    Store.of(tmp_path, experiment, 0).point("key", lambda: np.array([1.0]))
+    assert Store.of(tmp_path, experiment, 0).points
+    register(dataclasses.replace(declaration, force=lambda t, r, theta, v_r, v_t, p: (0.0, 2.0 * p[0])))
     assert not Store.of(tmp_path, experiment, 0).points
 
 

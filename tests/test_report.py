@@ -11,7 +11,7 @@ from cradle_env import Cradle, Release
 from identification import plots, results
 from identification.experiment import Experiment
 from identification.posterior import Gap, Posterior, statistics
-from identification.runs import Prior, ReleaseInfo
+from identification.runs import Prior, ReleaseInfo, Run
 from identification.style import png
 from identification.wording import Rounding, markup, mathtext, shown, unit_markup, unit_plain
 from tests.synthetic import made_up_posterior, simulated_run
@@ -78,6 +78,30 @@ def test_bobs_that_were_lifted_alike_have_no_exponent(tmp_path):
         posterior.predict()
 
 
+@pytest.mark.parametrize(
+    ("stated", "asked", "let_go"),
+    [
+        (Release(angles={1: -0.2}), {"release_angle": 0.1}, Release(angles={1: -0.1})),
+        (Release(angles={1: -0.2}), {"bobs": 5}, Release(angles={1: -0.2})),
+        (Release(angles={1: -0.2, 3: 0.1}), {"release_angle": 0.05}, Release(angles={1: -0.1, 3: 0.05})),
+        (Release(angles={1: -0.2, 3: 0.1}), {"bobs": 5}, r"bobs is 5, but .* names bob 3 of 3; predict for 3 bobs"),
+        (Release(angles={1: -0.2, 2: -0.2}), {"bobs": 1}, r"bobs is 1, but .* names bob 2 of 3; predict for 3 bobs"),
+        (Release(angles={2: 0.2, 3: 0.2}), {"bobs": 5}, Release(angle=0.2, bobs=2)),
+        (Release(angle=0.2, bobs=2), {"bobs": 5, "release_angle": 0.1}, Release(angle=0.1, bobs=2)),
+    ],
+)
+def test_a_prediction_lets_go_of_the_bobs_that_were_let_go(stated, asked, let_go):
+    """A cradle with unequal gaps has another λ where the other end is lifted."""
+    cradle = Cradle(bobs=3, delta=(0.0, 0.01))
+    run = Run(np.arange(3.0), np.zeros((3, 3)), release=ReleaseInfo(stated), delta=cradle.delta, noise=1e-3)
+    posterior = made_up_posterior(Experiment(cradle, (run,)), steps=20)
+    if isinstance(let_go, str):
+        with pytest.raises(ValueError, match=let_go):
+            posterior.predict(**asked, count=1, duration=3.0)
+    else:
+        assert posterior.predict(**asked, count=1, duration=3.0).release == let_go
+
+
 @pytest.mark.parametrize(("bobs", "asked"), [(2, None), (3, None), (2, 0.001)])
 def test_an_inferred_delta_is_told_by_its_median(bobs, asked):
     """One draw's δ is a random number; a δ that is asked for has no spread."""
@@ -130,6 +154,8 @@ def test_json_knows_no_nan(tmp_path):
         (-3.2e-4, 1.0e-4, "−320", -6),
         (0.0, 0.0, "0.0000", 0),
         (0.0597, 9.97e-5, "0.05970", 0),
+        (3.0e-6, 1.2e-3, "0.0", -3),
+        (-2.0e-5, 0.05, "0.000", 0),
     ],
 )
 def test_numbers_are_rounded_to_their_uncertainty(value, sd, text, exponent):

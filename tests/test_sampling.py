@@ -2,11 +2,13 @@
 
 import dataclasses
 import math
+from types import SimpleNamespace
 
 import h5py
 import numpy as np
 import pytest
 
+from cradle_env import CATALOGUE, Effect, Parameter
 from identification.files import ExperimentError
 from identification.fit import Mode
 from identification.likelihood import Jumps
@@ -23,7 +25,7 @@ class Gaussian:
     def __post_init__(self):
         self.unknowns = (Unknown("a", "1", "a", 0.0), Unknown("b", "1", "b", 0.0))
         self.names = ["a", "b"]
-        self.experiment = dataclasses.make_dataclass("Digest", ["digest"])("same")
+        self.experiment = SimpleNamespace(digest="same", cradle=SimpleNamespace(composition=()))
         self.precision = np.linalg.inv([[1.0, 0.6], [0.6, 2.0]])
 
     def log_densities(self, points):
@@ -118,9 +120,47 @@ def test_a_walker_that_never_moved_is_no_converged_chain():
 def test_chains_of_other_data_are_refused(tmp_path):
     chains(tmp_path, 60)
     other = Gaussian()
-    other.experiment = dataclasses.make_dataclass("Digest", ["digest"])("other")
+    other.experiment.digest = "other"
     with pytest.raises(ValueError, match="other data"):
         Checkpoint(tmp_path / "chain.h5", other, 0).exists()
+
+
+def test_chains_by_another_program_are_refused_and_kept(tmp_path, monkeypatch):
+    """Or by one that did not write down which it was."""
+    checkpoint, file = Checkpoint(tmp_path / "chain.h5", Gaussian(), 3), tmp_path / "chain.h5"
+    refusal = r"chain\.h5: holds chains by another version of the program, .* choose another --out, or remove the file"
+    chains(tmp_path, 60)
+    assert checkpoint.exists()
+    with monkeypatch.context() as patch:
+        patch.setattr("identification.fingerprint._sources", lambda: "other")
+        with pytest.raises(ExperimentError, match=refusal):
+            checkpoint.exists()
+    assert checkpoint.exists()
+    with h5py.File(file, "a") as content:
+        del content.attrs["program"]
+    with pytest.raises(ExperimentError, match=refusal):
+        checkpoint.exists()
+    assert file.exists()
+
+
+def braked(by: float) -> Effect:
+    """An effect of one's own, whose force is edited."""
+    text = dict.fromkeys(("symbol", "summary", "equation", "reference", "energy", "looks_like"), "brake")
+    strength = Parameter("strength", "c", "kg/s", "drag", absent=0.0, low=0.0, high=1.0, scale=1e-2)
+    force = lambda t, r, theta, v_r, v_t, p: (-by * p[0] * v_r, -by * p[0] * v_t)  # noqa: E731
+    return Effect(name="brake", acts_on="bob", parameters=(strength,), force=force, **text)
+
+
+def test_chains_of_an_edited_effect_are_refused(tmp_path):
+    likelihood = Gaussian()
+    checkpoint, cradle = Checkpoint(tmp_path / "chain.h5", likelihood, 3), likelihood.experiment.cradle
+    cradle.composition = [CATALOGUE[0], braked(1.0)]
+    checkpoint.begin(Mode(np.zeros(2), np.eye(2), 0.0), [])
+    cradle.composition = [CATALOGUE[0], braked(1.0)]
+    assert checkpoint.exists()
+    cradle.composition = [CATALOGUE[0], braked(2.0)]
+    with pytest.raises(ExperimentError, match="or of an effect from outside"):
+        checkpoint.exists()
 
 
 def test_chains_that_know_nothing_of_jumps_are_refused(tmp_path):

@@ -1,5 +1,6 @@
 """Sweeps: the same runs as one by one, whoever runs them, whatever stops them."""
 
+import dataclasses
 import functools
 import os
 import signal
@@ -13,9 +14,10 @@ import numpy as np
 import pytest
 
 from cradle_env import Cradle, Release, simulate, simulate_batch
+from cradle_env.effects import CATALOGUE, LEARNED, effect, register
+from identification.fingerprint import fingerprint
 from identification.sweep import QUANTITIES, Grid, Quantity, sweep
 from identification.sweep import engine as sweep_engine
-from identification.sweep.fingerprint import fingerprint
 
 PAIR, RELEASE = Cradle(bobs=2), Release(angle=0.228)
 #: Of λ between processes [1/s]. Kernels compiled anew and those from the cache round differently, which a narrow
@@ -62,6 +64,16 @@ def test_values_are_those_of_single_runs_bit_for_bit():
 )
 def test_every_axis_sets_what_its_name_says(axes, cradle, release):
     assert Grid(axes, PAIR, RELEASE).point(0) == (cradle, release)
+
+
+def test_release_angles_that_are_stated_one_by_one_are_swept_in_proportion():
+    release = Release(angles={1: -0.2, 2: 0.1}, start="hanging")
+    for axes, expected in (
+        ({"release_angle": [0.05]}, Release(angles={1: -0.1, 2: 0.05}, start="hanging")),
+        ({"release_angle": [0.05], "lifted": [1]}, Release(angle=0.05, start="hanging")),
+        ({"lifted": [1]}, Release(angle=0.1, start="hanging")),
+    ):
+        assert Grid(axes, PAIR, release).point(0)[1] == expected
 
 
 def test_the_last_axis_changes_fastest_and_columns_of_an_axis_together():
@@ -276,6 +288,19 @@ def test_a_sweep_does_not_go_on_once_its_quantity_is_edited(tmp_path):
         sweep(grid, (Quantity("q", "q", "1", "", lambda run: run.theta[0, 1] + 1.0),), duration=2.0, out=tmp_path)
 
 
+def test_a_sweep_does_not_go_on_once_an_effect_is_edited(tmp_path, monkeypatch):
+    """Be it one that only an axis brings."""
+    monkeypatch.setattr("cradle_env.effects._EFFECTS", {e.name: e for e in (*CATALOGUE, *LEARNED)})
+    declaration = dataclasses.replace(effect("quadratic_drag"), name="gusts", apply=None)
+    register(dataclasses.replace(declaration, force=lambda t, r, theta, v_r, v_t, p: (0.0, p[0])))
+    grid = Grid({"gusts.c2": [0.0, 0.01]}, PAIR, RELEASE)
+    sweep(grid, duration=2.0, out=tmp_path)
+    sweep(grid, duration=2.0, out=tmp_path)
+    register(dataclasses.replace(declaration, force=lambda t, r, theta, v_r, v_t, p: (0.0, 2.0 * p[0])))
+    with pytest.raises(ValueError, match="another sweep"):
+        sweep(grid, duration=2.0, out=tmp_path)
+
+
 def test_callables_are_told_apart_by_all_that_decides_their_results(monkeypatch):
     """By code, names, constants, closures, defaults, globals, and the state of an object; not by their line."""
     measures = [
@@ -295,7 +320,7 @@ def test_callables_are_told_apart_by_all_that_decides_their_results(monkeypatch)
 def test_a_function_is_told_alike_in_every_process():
     measure = "lambda run: run.cradle.model in {'ho', 'pendulum', 'nsp'}"
     code = f"""from identification.sweep import QUANTITIES
-from identification.sweep.fingerprint import fingerprint
+from identification.fingerprint import fingerprint
 print(*map(fingerprint, [*(q.measure for q in QUANTITIES.values()), {measure}]), sep="", end="")"""
     measures = [*(q.measure for q in QUANTITIES.values()), eval(measure, {"__name__": "__main__"})]
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)

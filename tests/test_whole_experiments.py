@@ -1,6 +1,7 @@
 """Whole experiments: those at hand, saved and read again, made from arrays, and the scaffold for a data file."""
 
 import dataclasses
+import re
 from pathlib import Path
 
 import numpy as np
@@ -74,6 +75,20 @@ def test_the_digest_follows_the_data():
     assert Experiment(made.cradle, (made.runs[0], moved), made.infer).digest != made.digest
 
 
+def test_the_digest_follows_what_python_changes(tmp_path):
+    """However the experiment was made: no result of one may be gone on with for another."""
+    made = two_runs()
+    for experiment in (made, Experiment.load(made.save(tmp_path))):
+        run = experiment.runs[0]
+        changes = (
+            {"cradle": experiment.cradle.replace(mass=0.5)},
+            {"runs": (dataclasses.replace(run, readings=1.01 * run.readings), *experiment.runs[1:])},
+            {"infer": {**experiment.infer, "length": Prior(mean=0.3, sd=0.02)}},
+        )
+        digests = {dataclasses.replace(experiment, **change).digest for change in changes}
+        assert len(digests | {experiment.digest}) == 4
+
+
 def test_from_arrays_and_what_python_cannot_state(tmp_path):
     t, readings = np.arange(3.0), np.zeros((3, 2))
     experiment = Experiment.from_arrays(Cradle(bobs=2), t, readings, Release(angle=0.1), noise=1e-3)
@@ -135,10 +150,62 @@ def test_a_scaffold_loads_at_once(tmp_path, csv, bobs, base, release):
     assert all("#" in line for line in entries if not line.startswith(("format", "file")))
 
 
+def swung(angle, length, rate=60.0, held=0.0):
+    """(t, θ) of an undamped swing of small angle that lasts 5 s after it was held."""
+    t = np.arange(0.0, 5.0 + held, 1.0 / rate)
+    return t, angle * np.cos(np.sqrt(9.81 / length) * np.maximum(t - held, 0.0))
+
+
+def csv_of(t, column, quantity="theta_2 [rad]"):
+    return f"t [s],{quantity}\n" + "".join(f"{a:.6f},{b:.6f}\n" for a, b in zip(t, column, strict=True))
+
+
+@pytest.mark.parametrize("length", [0.15, 0.3, 0.6, 1.0])
+def test_the_angle_of_a_scaffold_is_as_uncertain_as_the_length_it_guesses(length, tmp_path):
+    data, (t, theta) = tmp_path / "data.csv", swung(0.2, length)
+    data.write_text(csv_of(t, 1e3 * length * np.sin(theta), "x_2 [mm]"), encoding="utf-8")
+    path = scaffold(data)
+    (run,) = Experiment.load(path).runs
+    assert abs(run.release.release.angle - 0.2) < 2.5 * run.release.angle_sd
+    line = next(line for line in path.read_text(encoding="utf-8").splitlines() if line.startswith("release"))
+    assert f"asin({length * np.sin(0.2):.4g} m / length)" in line and "angle_sd = 0.002 then" in line
+
+
+@pytest.mark.parametrize("seconds", [1.7, 3.1, 5.0])
+def test_the_median_of_a_tracker_export_is_no_rest_position(seconds, tmp_path):
+    """What is told of the angle once the length is known, counts that."""
+    t, theta = swung(0.2, 0.3)
+    rows = [f"{a:.6f}\t{b:.6f}\t0" for a, b in zip(t, 0.3 * np.sin(theta) + 0.5, strict=True) if a < seconds]
+    (tmp_path / "data.txt").write_text("\n".join(["mass_A", "t\tx\ty", *rows]), encoding="utf-8")
+    text = scaffold(tmp_path / "data.txt").read_text(encoding="utf-8")
+    angle, then = (float(re.search(rf"{name} = ([\d.]+){after}", text)[1]) for name, after in
+                   (("angle", ","), ("angle_sd", " then, x is counted from the median")))  # fmt: skip
+    assert abs(angle - 0.2) < 2.0 * then
+    assert then > 0.002
+
+
+@pytest.mark.parametrize(("rate", "length"), [(60.0, 0.3), (60.0, 1.5), (15.0, 0.3)])
+@pytest.mark.parametrize("held", [0.0, 0.5, 2.0])
+def test_a_scaffold_sees_that_a_bob_is_held_at_first(held, rate, length, tmp_path):
+    data, (t, theta) = tmp_path / "data.csv", swung(0.2, length, rate, held)
+    data.write_text(csv_of(t, theta + 1e-3 * np.random.default_rng(0).standard_normal(len(t))), encoding="utf-8")
+    path = scaffold(data)
+    (run,) = Experiment.load(path).runs
+    if held == 0.0:
+        assert run.state == "release" and run.fit_from == 0.0
+        return
+    told = re.search(r"held until ([\d.]+) s, the time of the release", path.read_text(encoding="utf-8"))
+    assert float(told[1]) == pytest.approx(held, abs=0.03)
+    assert run.state == "free" and held < run.fit_from < held + 0.15 * np.sqrt(length / 0.3) + 1.0 / rate
+
+
 def test_a_scaffold_refuses_what_would_not_load(tmp_path):
     data = tmp_path / "data.csv"
     data.write_text("t,theta_1,theta_2\n0,,\n1,,\n", encoding="utf-8")
     with pytest.raises(ExperimentError, match=r"data\.csv: holds no reading"):
+        scaffold(data)
+    data.write_text("t,theta_1,theta_2\n0,0.0,-0.2\n1,0.0,0.1\n", encoding="utf-8")
+    with pytest.raises(ExperimentError, match=r"^\S*/data\.csv: bobs overlap .* outwards"):
         scaffold(data)
     data = data.rename(tmp_path / "two\nlines.csv")
     data.write_text("t,theta_1\n0,0.2\n1,0.1\n", encoding="utf-8")

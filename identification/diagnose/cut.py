@@ -61,7 +61,7 @@ def windowed(fitted: Fitted) -> Fitted:
             else:
                 runs.append(dataclasses.replace(run, **cut, state="free", release=None, fit_from=low))
                 values |= {name + at: value for name, value in states[number].items()}
-    cut_up = dataclasses.replace(experiment, runs=tuple(runs), digest="windows")
+    cut_up = dataclasses.replace(experiment, runs=tuple(runs))
     view = Likelihood(cut_up, None, likelihood.workers)
     low, high = bounds(view)
     start = placed(view, values)

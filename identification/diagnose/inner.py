@@ -29,7 +29,7 @@ def inner(experiment: Experiment) -> Experiment:
             times = run.times[rows]
             split = float(times[0] + _INNER * (times[-1] - times[0]))
             runs.append(dataclasses.replace(run, times=times, readings=run.readings[rows], lines=None, fit_to=split))
-    return dataclasses.replace(experiment, runs=tuple(runs), digest="inner")
+    return dataclasses.replace(experiment, runs=tuple(runs))
 
 
 def predictions(without: Fitted, refit: Fitted, searcher: Searcher) -> tuple[float, float] | None:

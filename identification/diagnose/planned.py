@@ -101,7 +101,7 @@ class Planned(Likelihood):
     def __init__(self, fitted: Fitted, run: Run):
         old = fitted.experiment
         cradle = fitted.cradle.replace(bobs=run.readings.shape[1], delta=run.delta)
-        new = Experiment(cradle, (run,), old.infer, old.unknown_effect_parameters, digest="planned")
+        new = Experiment(cradle, (run,), old.infer, old.unknown_effect_parameters)
         super().__init__(new, None, fitted.likelihood.workers)
         own = {name: value for name, value in fitted.values.items() if "@" not in name}
         self.before = placed(self, {**self.values(self.start()), **own})

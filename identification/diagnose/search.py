@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 import hashlib
 import json
 import math
@@ -12,14 +11,13 @@ from typing import Any
 
 import numpy as np
 
-import cradle_env
-import identification
-from cradle_env.effects import effect
+from cradle_env.effects import effect, known_effects
 from cradle_env.simulation import SimulationError, in_threads
 from identification.diagnose.candidates import Candidate, Values, starts, with_effects
 from identification.diagnose.fitted import Fitted
 from identification.experiment import Experiment
 from identification.files import ExperimentError, json_text, write_together
+from identification.fingerprint import program
 from identification.fit import Progress, bounds, cost, early_rows, find_mode, refine, training_rows
 from identification.likelihood import Likelihood
 from identification.rough import among_modes, polish
@@ -56,7 +54,7 @@ class Store:
     def of(cls, out: str | Path | None, experiment: Experiment, seed: int) -> Store:
         """That of an experiment in folder `out` (None: in memory); fits by other code are not taken over."""
         path = None if out is None else Path(out) / "fits.json"
-        return cls(path, f"{_code()}/{experiment.digest}/{seed}")
+        return cls(path, f"{program(known_effects())}/{experiment.digest}/{seed}")
 
     def point(self, key: str, find: Callable[[], np.ndarray]) -> np.ndarray:
         """The point of that key, found if it is not known."""
@@ -66,16 +64,6 @@ class Store:
                 text = json_text({"inputs": self.inputs, "points": self.points})
                 write_together(self.path.parent, {self.path.name: text})
         return np.array(self.points[key])
-
-
-@functools.cache
-def _code() -> str:
-    """The sources on which a fit depends, as a hash."""
-    digest = hashlib.sha256()
-    for package in (cradle_env, identification):
-        for source in sorted(Path(package.__path__[0]).rglob("*.py")):
-            digest.update(source.read_bytes())
-    return digest.hexdigest()[:16]
 
 
 class Searcher:

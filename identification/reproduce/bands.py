@@ -11,6 +11,7 @@ from cradle_env.cradle import Cradle
 from cradle_env.simulation import simulate
 from identification.calibration import calibrate
 from identification.experiment import Experiment
+from identification.fingerprint import program
 from identification.fit import Progress
 from identification.posterior import Posterior
 from identification.reproduce.figure import ANGLE, BOBS, STANDARD_RELEASE, Figure, Study, Tables
@@ -32,7 +33,8 @@ def calibrate_example(folder: Path, seed: int, workers: int | None, progress: Pr
     run = simulate(cradle, STANDARD_RELEASE, _DURATION, _RATE)
     readings = run.theta + _NOISE * np.random.default_rng(seed).standard_normal(run.theta.shape)
     seen = Run(run.t, readings, release=ReleaseInfo(STANDARD_RELEASE, angle_sd=1e-3), delta=0.0, noise=_NOISE)
-    posterior = calibrate(Experiment(cradle, (seen,)), out=folder, seed=seed, workers=workers, progress=progress)
+    chains = folder / program(cradle.composition)  # those of another program are not gone on with
+    posterior = calibrate(Experiment(cradle, (seen,)), out=chains, seed=seed, workers=workers, progress=progress)
     posterior.save(folder / "posterior.nc")
     return posterior
 

@@ -190,7 +190,7 @@ def _let_go(release: Release, cradle: Cradle, values: Mapping[str, float]) -> Re
         if values["gamma"] < 0.0:
             raise ValueError(f"gamma is {values['gamma']:g}; it must be at least 0")
         angle = math.sqrt(6.0 * values["gamma"])
-    if angle is None:
-        angle = release.lead(cradle)[1]
-    lifted: Any = values.get("lifted", release.bobs)
-    return Release(angle=angle, bobs=lifted, start=release.start)
+    if "lifted" not in values:
+        return release if angle is None else release.lifted_to(angle, cradle)
+    lifted: Any = values["lifted"]
+    return Release(angle=release.lead(cradle)[1] if angle is None else angle, bobs=lifted, start=release.start)

@@ -15,8 +15,9 @@ from typing import Any
 import numpy as np
 
 from cradle_env import __version__
+from cradle_env.effects import effect
 from identification.files import json_text, write_together
-from identification.sweep.fingerprint import fingerprint
+from identification.fingerprint import fingerprint, program
 from identification.sweep.grid import Grid
 from identification.sweep.quantities import Quantity
 
@@ -47,9 +48,12 @@ class Plan:
     def digest(self) -> str:
         """SHA-256 of all that decides the results."""
         measures = [(q.name, fingerprint(q.measure)) for q in self.quantities]
-        told = [FORMAT, __version__, self.grid.cradle, self.grid.release, measures, self.duration, self.sample_rate]
+        grid = self.grid
+        swept = [effect(name.partition(".")[0]) for name in grid.names if "." in name]
+        by = program([*grid.cradle.composition, *swept])
+        told = [FORMAT, by, grid.cradle, grid.release, measures, self.duration, self.sample_rate]
         sums = hashlib.sha256(repr(told).encode())
-        for axis in self.grid.axes:
+        for axis in grid.axes:
             for name, column in axis.columns.items():
                 sums.update(f"{axis.name}/{name}/{len(column)}".encode() + column.tobytes())
         sums.update(self.times.tobytes())

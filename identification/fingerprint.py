@@ -1,19 +1,41 @@
-"""What decides the results of a function, told alike in every process, and otherwise once the function is edited."""
+"""What decides results beside their inputs, the program and any function, told alike in every process, and otherwise
+once it is edited."""
 
 from __future__ import annotations
 
 import functools
-from collections.abc import Iterator
+import hashlib
+from collections.abc import Iterable, Iterator
 from inspect import getattr_static
+from pathlib import Path
 from types import CodeType, FunctionType, MethodType
 from typing import Any
 
 import numpy as np
 
+import cradle_env
+import identification
+from cradle_env.effects import CATALOGUE, LEARNED, Effect
+
 #: What of code decides what it does: neither its lines nor the names of its variables.
 _CODE = ("co_code", "co_names", "co_freevars", "co_exceptiontable")
 #: Values that tell all of themselves.
 _DATA = (bool, int, float, complex, str, bytes, tuple, list, dict, set, frozenset, np.ndarray, np.generic, type(None))
+
+
+def program(effects: Iterable[Effect]) -> str:
+    """The program that makes a result, as a hash: its sources, and those of the effects that are from outside it."""
+    outside = [vars(effect) for effect in effects if effect not in (*CATALOGUE, *LEARNED)]
+    return hashlib.sha256((_sources() + fingerprint(outside)).encode()).hexdigest()[:16]
+
+
+@functools.cache
+def _sources() -> str:
+    digest = hashlib.sha256()
+    for package in (cradle_env, identification):
+        for source in sorted(Path(package.__path__[0]).rglob("*.py")):
+            digest.update(source.read_bytes())
+    return digest.hexdigest()
 
 
 def fingerprint(value: Any, seen: set[int] | None = None) -> str:
