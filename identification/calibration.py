@@ -11,10 +11,12 @@ import numpy as np
 
 from cradle_env.errors import check_range
 from identification.experiment import Experiment
-from identification.fit import Progress, find_mode, refit, training_rows
+from identification.fit import SEVERAL, Progress, find_mode, jacobian, mode_at, refit, training_rows
+from identification.foretold import allowed_gap
 from identification.jumps import learned
 from identification.likelihood import Likelihood, rms
 from identification.posterior import Gap, Posterior
+from identification.rough import broad_jacobian
 from identification.sample import Chains, Checkpoint, sample
 
 
@@ -69,6 +71,13 @@ def measure_gap(posterior: Posterior) -> Gap:
     train, held = training_rows(full.experiment)
     likelihood = Likelihood(full.experiment, train, full.workers, full.parameters)
     point = refit(likelihood, posterior.best())
+    unseen = Likelihood(full.experiment, held, full.workers, full.parameters)
+    for k, run in enumerate(full.experiment.runs):
+        # An estimate may hold more than noise, where frames are few: it is no more than a fit leaves.
+        unseen.weighing[k] = full.noise[k]
+        if run.noise is None and train[k].any():
+            left = likelihood.predict(point, k, train[k])[0] - run.readings[train[k]]
+            unseen.weighing[k] = min(full.noise[k], rms(left))
     scaled: dict[str, list[np.ndarray]] = {"train": [], "held_out": []}
     raw: dict[str, list[np.ndarray]] = {"train": [], "held_out": []}
     length, quantity = full.experiment.cradle.length, full.experiment.runs[0].quantity
@@ -78,10 +87,14 @@ def measure_gap(posterior: Posterior) -> Gap:
             if rows.any():
                 residual = likelihood.predict(point, k, rows)[0] - run.readings[rows]
                 raw[part].append(residual * in_first)
-                scaled[part].append((residual / full.noise[k]).ravel())
+                scaled[part].append((residual / unseen.weighing[k]).ravel())
     by_bob = {part: _rms_by_bob(rows) for part, rows in raw.items() if rows}
     ratio = {part: rms(np.concatenate(rows)) if rows else np.nan for part, rows in scaled.items()}
-    return Gap(ratio["train"], ratio["held_out"], by_bob)
+    residuals = likelihood.residuals(point)
+    several = full.experiment.cradle.bobs >= SEVERAL
+    J = broad_jacobian(likelihood, point, residuals) if several else jacobian(likelihood, point, residuals)
+    allowed = allowed_gap(likelihood, unseen, point, mode_at(likelihood, point, J).covariance, J, 1.0)
+    return Gap(ratio["train"], ratio["held_out"], by_bob, allowed)
 
 
 def _rms_by_bob(residuals: list[np.ndarray]) -> np.ndarray:

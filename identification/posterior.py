@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 import json
+import math
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -28,6 +29,8 @@ FORMAT = "cradle-posterior/1"
 _LAMBDA_DRAWS = 400
 #: A gap beyond this says that the model does not describe the data, where noise alone hardly passes it.
 MISFIT_GAP = 1.15
+#: The part of the width in the logarithm next to a bound, and the share of samples there, that cut a posterior off.
+_EDGE, _MANY = 0.01, 0.01
 
 
 @dataclass(frozen=True)
@@ -35,12 +38,14 @@ class Gap:
     """RMS residual over the noise: 1 is the floor. Both from a fit to the training part alone.
 
     train, held_out: over all runs; nan where there are no such readings. rms: in the unit of the first run's
-    quantity (rad or m), by "train" or "held_out", all bobs and each: shape (1 + N,).
+    quantity (rad or m), by "train" or "held_out", all bobs and each: shape (1 + N,). allowed: the held-out gap that a
+    right model passes by chance once in a hundred times, with what the training part leaves open; nan: not known.
     """
 
     train: float
     held_out: float
     rms: Mapping[str, np.ndarray] = field(default_factory=dict)
+    allowed: float = math.nan
 
 
 @dataclass(frozen=True)
@@ -110,9 +115,33 @@ class Posterior:
 
     @property
     def describes_data(self) -> bool:
-        """Whether neither gap is beyond MISFIT_GAP, and beyond what the noise of so few readings passes."""
-        parts = zip((self.gap.train, self.gap.held_out), training_rows(self.experiment), strict=True)
-        return not any(gap > max(MISFIT_GAP, gap_of_noise(self.experiment.runs, rows)) for gap, rows in parts)
+        """Whether neither gap is beyond MISFIT_GAP, and beyond what a right model passes by chance."""
+        return self.misfit != "large"
+
+    @property
+    def misfit(self) -> str:
+        """ "large" where a gap is beyond MISFIT_GAP and beyond chance; "small" where it is only beyond chance, as can
+        be said of stated noise; else "none"."""
+        (train, held), gap = training_rows(self.experiment), self.gap
+        allowed = gap_of_noise(self.experiment.runs, train), gap_of_noise(self.experiment.runs, held)
+        pairs = (gap.train, allowed[0]), (gap.held_out, max(allowed[1], gap.allowed))
+        if any(found > max(MISFIT_GAP, chance) for found, chance in pairs):
+            return "large"
+        stated = all(run.noise is not None for run in self.experiment.runs)
+        return "small" if stated and any(found > chance for found, chance in pairs) else "none"
+
+    @property
+    def at_bounds(self) -> tuple[str, ...]:
+        """Of k_f, kappa and b without a prior of their own, those with many samples at the bound of where they are
+        looked for, which cuts their posterior off."""
+        found = []
+        for k, u in enumerate(self.unknowns):
+            if u.name in SEARCH and math.isnan(u.sd) and u.name not in self.experiment.infer:
+                edge = _EDGE * math.log(u.high / u.low)
+                z = self.chain[..., k]
+                if np.mean((z < math.log(u.low) + edge) | (z > math.log(u.high) - edge)) > _MANY:
+                    found.append(u.name)
+        return tuple(found)
 
     def samples(self, name: str) -> np.ndarray:
         """All samples of one unknown in its unit, flat; ValueError for an unknown name."""
@@ -234,8 +263,10 @@ class Posterior:
                 u.name: {"unit": u.unit, **statistics(self.samples(u.name))} for u in self.unknowns if u.nuisance
             },
             "lambda": {"unit": "1/s", **statistics(rates), "window_s": list(WINDOW)} if len(rates) else None,
-            "gap": {"train": self.gap.train, "held_out": self.gap.held_out},
+            "gap": {"train": self.gap.train, "held_out": self.gap.held_out, "allowed": self.gap.allowed},
             "model_describes_data": self.describes_data,
+            "misfit": self.misfit,
+            "at_bounds": {u.name: [u.low, u.high] for u in self.unknowns if u.name in self.at_bounds},
         }
 
     def save(self, path: str | Path) -> Path:
@@ -261,7 +292,9 @@ class Posterior:
             "experiment": json.dumps(self.experiment.texts()),
             "inputs": self.experiment.digest,
             "convergence": json.dumps(dataclasses.asdict(self.convergence)),
-            "gap": json.dumps([self.gap.train, self.gap.held_out, {k: v.tolist() for k, v in self.gap.rms.items()}]),
+            "gap": json.dumps(
+                [self.gap.train, self.gap.held_out, {k: v.tolist() for k, v in self.gap.rms.items()}, self.gap.allowed]
+            ),
         }
         temporary = path.with_name(path.name + ".part")
         temporary.unlink(missing_ok=True)
@@ -303,7 +336,7 @@ class Posterior:
             shaped(np.log(posterior[u.name].values) if u.log else posterior[u.name].values) for u in likelihood.unknowns
         ]
         convergence = json.loads(posterior.attrs["convergence"])
-        train, held_out, by_bob = json.loads(posterior.attrs["gap"])
+        train, held_out, by_bob, *allowed = json.loads(posterior.attrs["gap"])  # older files do not tell the last
         convergence["reasons"] = tuple(convergence["reasons"])
         return cls(
             likelihood,
@@ -311,7 +344,7 @@ class Posterior:
             shaped(stats["lp"].values),
             shaped(posterior["lambda"].values) if "lambda" in posterior else None,
             Convergence(**convergence),
-            Gap(train, held_out, {part: np.array(values) for part, values in by_bob.items()}),
+            Gap(train, held_out, {part: np.array(values) for part, values in by_bob.items()}, *allowed),
             int(posterior.attrs["seed"]),
         )
 

@@ -126,7 +126,7 @@ def _field_unknown(cradle: Cradle, name: str, prior: Prior | None) -> Unknown:
         low, high = _BOUNDS.get(name, (0.0, math.inf))
         return _with_prior(Unknown(name, unit, symbol, start, low, high), prior)
     factor = _FACTOR[name]
-    start = max(start, 1e-6)
+    start = start or float(getattr(Cradle(), name))  # stated as 0: as good as not stated
     return Unknown(
         name, unit, symbol, start, low=start / factor, high=start * factor, log=True, search=SEARCH[name]
     )  # fmt: skip

@@ -120,14 +120,24 @@ def convergence_verdict(summary: Mapping[str, Any]) -> str:
 
 
 def model_verdict(summary: Mapping[str, Any]) -> str:
-    """Whether the model describes the data, in words."""
-    train, held_out = summary["gap"]["train"], summary["gap"]["held_out"]
-    figures = f"the residuals are {ratio(train)} times the noise where it was fitted"
-    if held_out is not None and math.isfinite(held_out):
-        figures += f" and {ratio(held_out)} times on data held out (1 is the floor)"
-    if summary["model_describes_data"]:
-        return f"The model describes these data: {figures}."
-    return (
-        f"The model does not describe these data: {figures}. The intervals must not be trusted: they would hold"
-        " if the model were right, and it is not. Something is missing from it, or wrong in what is stated as known."
+    """Whether the model describes the data, in words; and whether a posterior is cut off."""
+    gap = summary["gap"]
+    figures = f"the residuals are {ratio(gap['train'])} times the noise where it was fitted"
+    if gap["held_out"] is not None and math.isfinite(gap["held_out"]):
+        figures += f" and {ratio(gap['held_out'])} times on data held out (1 is the floor)"
+    verdicts = {
+        "none": f"The model describes these data: {figures}. That nothing is missing a good fit does not show;"
+        " `cradle diagnose` looks for it.",
+        "small": f"The model describes these data but for a little: {figures}, more than chance leaves. What is small"
+        " against the noise may be many standard deviations of a parameter: `cradle diagnose` looks for what is"
+        " missing, unless the noise is more than stated.",
+        "large": f"The model does not describe these data: {figures}. The intervals must not be trusted: they would"
+        " hold if the model were right, and it is not. Something is missing from it, or wrong in what is stated as"
+        " known.",
+    }
+    return verdicts[summary["misfit"]] + "".join(
+        f" The posterior of {name} is cut off: it was looked for from {number(low, 4)} to {number(high, 4)}"
+        f" {unit_plain(summary['parameters'][name]['unit'])}; state a value nearer to it in [cradle], or a prior in"
+        " [infer]."
+        for name, (low, high) in summary["at_bounds"].items()
     )

@@ -22,7 +22,6 @@ from identification.diagnose.course import Course, Step
 from identification.diagnose.decide import Decision, decide, refitted, worth_refitting
 from identification.diagnose.diagnosis import VERDICTS, Interval, effect_parameters
 from identification.diagnose.fitted import Fitted, with_known_noise
-from identification.diagnose.foretold import allowed_gap
 from identification.diagnose.intervals import intervals
 from identification.diagnose.law import can_outdo
 from identification.diagnose.locate import locate, log_tail
@@ -91,7 +90,7 @@ def test_the_hidden_effect_is_named_and_the_gap_closes(diagnosed):
 def test_a_right_model_leaves_what_is_allowed_and_a_wrong_one_more(diagnosed):
     # Noise alone, of 640 readings, allows 1.065; c2 and b, which only their sum holds, the more.
     assert max(diagnosed.gap_last, 1.065) < diagnosed.gap_allowed < 2.0
-    assert diagnosed.gap_first > allowed_gap(diagnosed.base)
+    assert diagnosed.gap_first > diagnosed.base.allowed_gap()
     content = diagnosed.content()
     assert "departs" not in sentence(content)
     assert "departs more than noise" in sentence({**content, "gap_last": 3.0})
@@ -106,7 +105,7 @@ def test_one_right_model_in_a_hundred_leaves_more_than_allowed(tmp_path):
         path = write_experiment(tmp_path / str(seed), [recording], release={"angle_sd": 0.01})
         likelihood = Searcher(Store(None, ""), 0, None).likelihood(Experiment.load(path))
         fitted = Fitted(likelihood, finished(likelihood, likelihood.start()))
-        allowed = allowed_gap(fitted)
+        allowed = fitted.allowed_gap()
         beyond += fitted.held_out_gap() > allowed
         spreads.append(allowed)
     assert beyond <= 3  # of 30: by chance once in 3000

@@ -14,7 +14,6 @@ from cradle_env.effects import LEARNED
 from cradle_env.effects.elements import element_of
 from identification.diagnose.advise import Advice
 from identification.diagnose.fitted import Fitted
-from identification.diagnose.foretold import allowed_gap
 from identification.diagnose.intervals import Interval, intervals
 from identification.diagnose.law import Law
 from identification.diagnose.law_shape import Shape, terms_of
@@ -104,7 +103,7 @@ class Diagnosis:
     @functools.cached_property
     def gap_allowed(self) -> float:
         """The held-out gap up to which the repaired model, if it is right, may well come."""
-        return allowed_gap(self.last)
+        return self.last.allowed_gap()
 
     @functools.cached_property
     def parameters(self) -> dict[str, Interval]:

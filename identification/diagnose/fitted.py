@@ -13,6 +13,7 @@ from cradle_env.cradle import Cradle
 from cradle_env.effects import LEARNED
 from identification.experiment import Experiment
 from identification.fit import mode_at, training_rows, unit
+from identification.foretold import allowed_gap
 from identification.jumps import widened
 from identification.likelihood import Likelihood, rms
 from identification.noise import estimated_noise, noise_of
@@ -141,6 +142,11 @@ class Fitted:
     def held_out_gap(self) -> float:
         """The gap on what was held out."""
         return self.gap(training_rows(self.experiment)[1])
+
+    def allowed_gap(self) -> float:
+        """The gap on what was held out that a right model passes by chance once in a hundred times."""
+        held = Likelihood(self.experiment, training_rows(self.experiment)[1], self.likelihood.workers)
+        return allowed_gap(self.likelihood, held, self.point, self.covariance, self.jacobian, self.coloured[0])
 
     def training_gap(self) -> float:
         """The gap on the training part."""

@@ -7,12 +7,12 @@ import math
 import numpy as np
 
 from cradle_env.simulation import SimulationError, in_threads
-from identification.diagnose.decide import ALPHA
-from identification.diagnose.fitted import Fitted
-from identification.fit import bounds, training_rows
+from identification.fit import bounds
 from identification.jumps import principal_axes
 from identification.likelihood import Likelihood
 
+#: The chance by which a right model may pass what is allowed.
+CHANCE = 0.01
 #: Points drawn of what the fit leaves open, and draws of noise for each.
 _POINTS, _NOISES = 64, 200
 #: χ² over the inflation that a standard deviation must cost the readings that were fitted, of which it costs 1 or more
@@ -20,24 +20,29 @@ _POINTS, _NOISES = 64, 200
 _SEEN = 0.5
 
 
-def allowed_gap(fitted: Fitted) -> float:
-    """The held-out gap that a right model passes by chance once in a hundred times: by noise, and by what the readings
-    that were fitted leave open of the unknowns. nan where nothing was held out."""
-    held = Likelihood(fitted.experiment, training_rows(fitted.experiment)[1], fitted.likelihood.workers)
+def allowed_gap(
+    training: Likelihood, held: Likelihood, point: np.ndarray, covariance: np.ndarray, J: np.ndarray, inflation: float
+) -> float:  # fmt: skip
+    """The gap on what was held out that a right model passes by chance once in a hundred times: by noise, and by what
+    the readings that were fitted leave open of the unknowns. nan where nothing was held out.
+
+    point (D,), covariance (D, D), derivatives J (R, D): of the fit to the training part; inflation: of χ², of residuals
+    that are not white.
+    """
     R = held.parts()[-1].stop
     if R == 0:
         return math.nan
-    at_mode, inflation = held.residuals(fitted.point)[:R], fitted.coloured[0]
+    at_mode = held.residuals(point)[:R]
     rng = np.random.default_rng(0)
-    axes, reach = principal_axes(fitted.likelihood, fitted.covariance)
+    axes, reach = principal_axes(training, covariance)
     # What no reading sees is as open as its bounds, and far out no model of this experiment.
-    unseen = np.sum((fitted.jacobian @ axes) ** 2, axis=0) < _SEEN * inflation
+    unseen = np.sum((J @ axes) ** 2, axis=0) < _SEEN * inflation
     drawn = rng.standard_normal((_POINTS, len(reach))) @ (axes * np.where(unseen, reach, 1.0)).T
 
     def departure(step: np.ndarray) -> float:
         """In χ²; where no run is possible, as the truth cannot be, nan."""
         try:
-            return float(np.sum((held.residuals(np.clip(fitted.point + step, *bounds(held)))[:R] - at_mode) ** 2))
+            return float(np.sum((held.residuals(np.clip(point + step, *bounds(held)))[:R] - at_mode) ** 2))
         except (SimulationError, ValueError):
             return math.nan
 
@@ -45,4 +50,4 @@ def allowed_gap(fitted: Fitted) -> float:
     departures = departures[np.isfinite(departures)][:, None]
     # χ² of noise beside a departure d: R + d², with variance 2 R c + 4 d² c.
     scatter = np.sqrt(inflation * (2.0 * R + 4.0 * departures)) * rng.standard_normal((len(departures), _NOISES))
-    return math.sqrt(float(np.quantile(R + departures + scatter, 1.0 - ALPHA)) / R)
+    return math.sqrt(float(np.quantile(R + departures + scatter, 1.0 - CHANCE)) / R)
