@@ -16,7 +16,7 @@ from pathlib import Path
 
 import numpy as np
 
-from .study import STIFFENED
+from .study import STIFFENED, held_out
 
 #: Cases by what the best wrong model, refitted, leaves over the right one, by the oracle [Δχ²].
 BINS = ((-math.inf, 35.0, "about 15"), (35.0, 100.0, "about 50"), (100.0, math.inf, "about 200"))
@@ -148,8 +148,8 @@ def loaded(path: Path) -> Row:
 
 def text(rows: list[Row]) -> str:
     """The whole page."""
-    held = [row for row in rows if row["held_out"]]
-    open_ = [row for row in rows if not row["held_out"]]
+    held = [row for row in rows if held_out(row["case"])]
+    open_ = [row for row in rows if not held_out(row["case"])]
     commits = ", ".join(f"{n} by {commit}" for commit, n in Counter(row["commit"] for row in rows).most_common())
     head = (
         "# How often a diagnosis is right\n\n"
