@@ -91,8 +91,10 @@ UNKNOWNS = (
     Kind("string_kink", "stiffening", 0.01, (1, 2, 3), (("angle", -0.1, 0.1), ("width", 0.03, 0.06))),
     Kind("sticky_pair", "energy", 1e-6, _MANY),
 )
-#: Effects that are one and the same in such data: whichever is named, all must be in the set.
+#: Effects that can be one and the same in all data, for k_f and b are free; and those that always are: lengths that
+#: differ from bob to bob are not. Where one of the latter is hidden alone, all must be in the set.
 SYMMETRIC = frozenset({"added_mass", "clock_scale", "length_mismatch"})
+SAME = frozenset({"added_mass", "clock_scale"})
 PAIRS = (
     ("quadratic_drag", "length_mismatch"), ("pivot_friction", "spacer_offset"), ("angle_offset", "quadratic_drag"),
     ("contact_duration", "length_mismatch"), ("exposure_blur", "pivot_friction"), ("spacer_offset", "mass_mismatch"),
