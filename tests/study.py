@@ -1,10 +1,11 @@
-"""The study of diagnoses: python -m tests.study DIR [--rounds 0 2 4] [--processes 2]
+"""The study of diagnoses: python -m tests.study DIR [--rounds 12 13 14] [--processes 2]
 
 Each case is an experiment made by the soft-contact reference, which shares no code with the package, and its
 diagnosis. What is hidden is as strong as an oracle says: the χ² that the best wrong model would leave over that of the
 right one. Cases are made and diagnosed one at a time and kept in DIR, so that the same command goes on;
-`python -m tests.study_table DIR` adds them to the tables. Odd rounds from the third on are held out: nothing is chosen
-by looking at them.
+`python -m tests.study_table DIR` adds them to the tables. Rounds from HELD_OUT on are held out: nothing is chosen by
+looking at them, and each case is judged once. Those before were made by this module as it was at the commit in their
+rows of docs/study.jsonl, and cannot be made by it any more.
 """
 
 from __future__ import annotations
@@ -17,13 +18,13 @@ import shutil
 import subprocess
 import time
 import traceback
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from unittest import mock
 
 import numpy as np
 
-from .independent.laboratory import Recording, record, write_experiment
+from .independent.laboratory import Recording, drop_frames, record, write_experiment
 from .independent.soft_contact import SoftCradle
 
 #: Contacts this much stiffer are as good as instantaneous; see tests/test_independent.py. Bobs of unequal length or
@@ -34,7 +35,9 @@ STIFFENED = 1e6
 _UNEVEN = frozenset({"length_mismatch", "mass_mismatch"})
 _LASTING = "contact_duration"
 TARGETS = (15.0, 50.0, 200.0)
-NULLS, ROUNDS = 10, 12
+#: The first round that is held out, and how many there are; nulls in each.
+HELD_OUT, ROUNDS = 12, 19
+NULLS = 4
 #: How many wrong models the oracle refits, and how often it tries a strength.
 _REFITTED, _SEARCHES = 2, 8
 #: Frames per second at which the oracle looks, with a noise that tells as much as the experiment's.
@@ -45,7 +48,8 @@ _ORACLE_RATE = 60.0
 class Kind:
     """Something to hide: its effect in the soft reference, the key that is its strength, the strength from which the
     search begins, numbers of bobs, other keys as ranges, and, for real apparatus that differs from the formula in
-    detail, the effect by which it is made instead. each: "bob" or "gap" where there is a value for each."""
+    detail, the effect by which it is made instead (friction: see `Apparatus.frame_drag`). each: "bob" or "gap" where
+    there is a value for each."""
 
     name: str
     key: str
@@ -67,7 +71,7 @@ SINGLES = (
     Kind("bob_attraction", "force", 1e-3, _MANY, (("range", 2e-3, 6e-3),),
          variant=("power_attraction", "force", {"distance": 6e-3, "power": 3.0})),
     Kind("frame_compliance", "frame_mass", 20.0, _MANY, (("frequency", 3.0, 12.0), ("damping_ratio", 0.01, 0.1)),
-         inverse=True, variant=("frame_compliance", "frame_mass", {"friction": 3.0})),
+         inverse=True, variant=("frame_compliance", "frame_mass", {"friction": 1.0})),
     Kind("string_creep", "rate", 2e-5),
     Kind("spacer_offset", "offset", 2e-4, _MANY, each="gap"),
     Kind("mass_mismatch", "relative", 2e-3, _MANY, each="bob"),
@@ -87,8 +91,10 @@ UNKNOWNS = (
     Kind("string_kink", "stiffening", 0.01, (1, 2, 3), (("angle", -0.1, 0.1), ("width", 0.03, 0.06))),
     Kind("sticky_pair", "energy", 1e-6, _MANY),
 )
-#: Effects that are one and the same in such data: whichever is named, all must be in the set.
+#: Effects that can be one and the same in all data, for k_f and b are free; and those that always are: lengths that
+#: differ from bob to bob are not. Where one of the latter is hidden alone, all must be in the set.
 SYMMETRIC = frozenset({"added_mass", "clock_scale", "length_mismatch"})
+SAME = frozenset({"added_mass", "clock_scale"})
 PAIRS = (
     ("quadratic_drag", "length_mismatch"), ("pivot_friction", "spacer_offset"), ("angle_offset", "quadratic_drag"),
     ("contact_duration", "length_mismatch"), ("exposure_blur", "pivot_friction"), ("spacer_offset", "mass_mismatch"),
@@ -105,20 +111,24 @@ class Case:
     variant: bool
     seed: int
 
-    @property
-    def held_out(self) -> bool:
-        """Whether nothing may be chosen by it."""
-        return self.name.startswith(tuple(f"{k:02d}" for k in range(3, ROUNDS, 2)))
+
+def held_out(name: str) -> bool:
+    """Whether nothing was chosen by the case of this name."""
+    return int(name.partition("-")[0]) >= HELD_OUT
 
 
 def cases(rounds: list[int]) -> list[Case]:
-    """Those of some rounds: in each every effect once, nulls, pairs, and forces of no catalogue."""
+    """Those of some rounds: in each every effect once, nulls, pairs, and forces of no catalogue. Which are made by a
+    variant has nothing to do with how strong they are."""
+    if min(rounds) < HELD_OUT:
+        raise ValueError(f"rounds before {HELD_OUT} are made by the commits in their rows of docs/study.jsonl")
     found = []
     by_name = {kind.name: kind for kind in SINGLES}
     for k in rounds:
         for i, kind in enumerate(SINGLES):
-            variant = kind.variant is not None and k % 3 == 2
-            found.append(Case(f"{k:02d}-{kind.name}", (kind,), TARGETS[(k + i) % 3], variant, 1000 * k + i))
+            seed = 1000 * k + i
+            variant = kind.variant is not None and bool(np.random.default_rng([seed, 1]).random() < 1.0 / 3.0)
+            found.append(Case(f"{k:02d}-{kind.name}", (kind,), TARGETS[(k + i) % 3], variant, seed))
         for i in range(NULLS):
             found.append(Case(f"{k:02d}-nothing-{i}", (), 0.0, False, 1000 * k + 100 + i))
         for i in range(3):
@@ -128,6 +138,33 @@ def cases(rounds: list[int]) -> list[Case]:
             kind = UNKNOWNS[(4 * k + i) % len(UNKNOWNS)]
             found.append(Case(f"{k:02d}-unknown-{kind.name}", (kind,), 200.0, False, 1000 * k + 300 + i))
     return found
+
+
+@dataclass(frozen=True)
+class Settings:
+    """How an experiment is filmed and described: its start, rightly stated; whether its file states the noise; which
+    share of the frames is missing; and the correlation of the noise from one frame to the next."""
+
+    start: str
+    noise_stated: bool
+    missing: float
+    correlation: float
+
+    @classmethod
+    def drawn(cls, rng: np.random.Generator) -> Settings:
+        """Each by itself, but that correlated noise is stated: the readings alone make it look smaller than it is."""
+        start, stated = str(rng.choice(["unstretched", "hanging"])), bool(rng.random() < 0.75)
+        missing, correlated = rng.random() < 0.25, stated and rng.random() < 1.0 / 6.0
+        return cls(start, stated, 0.03 if missing else 0.0, 0.3 if correlated else 0.0)
+
+    def correlation_time(self, rate: float) -> float:
+        """That of the noise [s] at this many frames per second."""
+        return -1.0 / (rate * float(np.log(self.correlation))) if self.correlation else 0.0
+
+    @property
+    def inflation(self) -> float:
+        """By how much the noise hides more of slow motion than white noise of its size does, as χ²."""
+        return (1.0 + self.correlation) / (1.0 - self.correlation)
 
 
 class Apparatus:
@@ -151,12 +188,15 @@ class Apparatus:
         self.patterns = [rng.standard_normal({"bob": self.bobs, "gap": self.bobs - 1}.get(kind.each, 1))
                          for kind in case.kinds]  # fmt: skip
         self.pair = int(rng.integers(1, self.bobs)) if self.bobs > 1 else 1
+        self.settings = Settings.drawn(rng)
         names = {kind.name for kind in case.kinds}
+        #: Whether what is hidden is a force that the catalogue does not have.
+        self.in_no_catalogue = bool(case.kinds) and case.kinds[0] in UNKNOWNS
         #: Whether the model states that contacts last as long as real ones.
         self.lasting = self.bobs > 2 and not _UNEVEN.isdisjoint(names) and _LASTING not in names
 
-    def effects(self, strengths: list[float]) -> dict:
-        """What is hidden at these strengths, as the soft reference has it."""
+    def effects(self, strengths: list[float], variant: bool = False) -> dict:
+        """What is hidden at these strengths, as the soft reference has it: by the formula, or by the variant."""
         found: dict = {}
         for i, (kind, s) in enumerate(zip(self.case.kinds, strengths, strict=True)):
             if s == 0.0:
@@ -166,11 +206,11 @@ class Apparatus:
                 pattern = pattern - pattern.mean()
             value = (pattern * s).tolist() if kind.each else kind.strength**2 / s if kind.inverse else s
             name, key, more = kind.name, kind.key, dict(self.others[i])
-            if self.case.variant and kind.variant is not None:
+            if variant and kind.variant is not None:
                 name, key, fixed = kind.variant
                 more = {} if name != kind.name else more
                 if "friction" in fixed:
-                    found["frame_drag"] = {"c2": fixed["friction"]}
+                    found["frame_drag"] = {"c2": self.frame_drag(fixed["friction"], float(value), more["frequency"])}
                 else:
                     more |= fixed
             if name == "sticky_pair":
@@ -180,33 +220,45 @@ class Apparatus:
             found[name] = {key: value, **more}
         return found
 
-    def record(self, strengths: list[float], noisy: bool, rate: float | None = None) -> Recording:
-        """The recording at these strengths, 45 s of it."""
-        effects = self.effects(strengths)
+    def frame_drag(self, share: float, mass: float, frequency: float) -> float:
+        """c2 [kg/m] at which a frame of this mass and frequency, swung by one bob, loses this share of its spring's
+        force to drag as v²: a frame hardly moves, and what is not as large as that cannot be seen."""
+        spring, pull = mass * (2.0 * np.pi * frequency) ** 2, SoftCradle.mass * SoftCradle.gravity * self.angle
+        speed = pull / spring * np.sqrt(SoftCradle.gravity / SoftCradle.length)
+        return float(share * pull / speed**2)
+
+    def record(self, strengths: list[float], noisy: bool, rate: float = 0.0, exact: bool = False) -> Recording:
+        """The recording at these strengths, 45 s of it; exact: by the formula even where the case has a variant."""
+        effects = self.effects(strengths, self.case.variant and not exact)
         factor = 1.0 if self.lasting or _LASTING in effects else STIFFENED
         cradle = SoftCradle(self.bobs, stiffness_factor=factor, effects=effects, **self.truth)
-        noise = self.noise if noisy else 0.0
-        return record(cradle, {self.bobs: self.angle}, noise=noise, rate=rate or self.rate, duration=45.0,
-                      seed=self.case.seed)  # fmt: skip
+        settings, seed = self.settings, self.case.seed
+        made = record(cradle, {self.bobs: self.angle}, settings.start, noise=self.noise if noisy else 0.0,
+                      correlation_time=settings.correlation_time(self.rate), rate=rate or self.rate, duration=45.0,
+                      seed=seed)  # fmt: skip
+        return drop_frames(made, settings.missing, seed) if noisy else made
 
     def write(self, folder: Path, recording: Recording, noise: float | None = None) -> Path:
-        """The experiment's files; what they state of k_f, kappa, b and the release is off."""
+        """The experiment's files; what they state of k_f, kappa, b and the release is off. noise: to be stated."""
         known = {_LASTING: {"scale": 1.0}} if self.lasting else {}
+        noise = noise or (self.noise if self.settings.noise_stated else None)
         return write_experiment(
             folder, [recording], stated=self.stated, effects=[*known], parameters=known,
-            release={"angles": {self.bobs: self.lifted}}, run={"noise": noise or self.noise},
+            release={"angles": {self.bobs: self.lifted}}, run={"noise": noise},
         )  # fmt: skip
 
 
 class Oracle:
-    """What an apparatus hides, by the χ² that the best wrong model, refitted, leaves of noiseless training data."""
+    """What an apparatus hides, by the χ² that the best wrong model and the right one, both refitted, leave of
+    noiseless training data."""
 
     def __init__(self, apparatus: Apparatus, scratch: Path):
         from identification.diagnose.candidates import candidates
         from identification.diagnose.score import sensitivities
 
         self.apparatus, self.scratch = apparatus, scratch
-        self.noise = apparatus.noise * float(np.sqrt(_ORACLE_RATE / apparatus.rate))
+        tells = apparatus.settings.inflation * _ORACLE_RATE / apparatus.rate
+        self.noise = apparatus.noise * float(np.sqrt(tells))
         self.clean = self._record([0.0] * len(apparatus.case.kinds))
         self.searcher, self.fitted = self._true(self.clean)
         hidden = {kind.name for kind in apparatus.case.kinds}
@@ -218,8 +270,8 @@ class Oracle:
         ]  # fmt: skip
 
     def delta(self, strengths: list[float], refitted: bool = True) -> float:
-        """Δχ² at these strengths: of the wrong models that are nearest to first order, the nearest when refitted; of
-        what is in no catalogue, the nearest with a second wrong effect added to it."""
+        """Δχ² at these strengths: what the nearest, when refitted, of the wrong models that are nearest to first order
+        leaves over the right one. Of what is in no catalogue no model is right, and the wrong one has two effects."""
         from identification.diagnose.score import score
 
         recording, fitted = self._record(strengths), self.fitted
@@ -234,15 +286,33 @@ class Oracle:
             candidate, sensed, _ = self.wrong[i]
             likely = [sensed.values(np.linalg.lstsq(fitted.project(sensed.S), -d)[0])]
             nearest = _nearer(nearest, searcher, base, candidate, base, likely)
-        if self.apparatus.case.kinds[0] in UNKNOWNS and nearest.chi2 > self.apparatus.case.target:
-            first, replicates = nearest, np.zeros((len(nearest.residuals), 1))
-            for s in score(first, replicates).scores[:_REFITTED]:
-                nearest = _nearer(nearest, searcher, first, s.candidate, first, s.likely)
-        return nearest.chi2
+        if self.apparatus.in_no_catalogue:
+            if nearest.chi2 > self.apparatus.case.target:
+                first, replicates = nearest, np.zeros((len(nearest.residuals), 1))
+                for s in score(first, replicates).scores[:_REFITTED]:
+                    nearest = _nearer(nearest, searcher, first, s.candidate, first, s.likely)
+            return nearest.chi2
+        return nearest.chi2 - self._right(searcher, base, strengths).chi2
 
-    def _record(self, strengths: list[float]) -> Recording:
+    def right_leaves(self, strengths: list[float], exact: bool = False) -> float:
+        """χ² of the readings that the right model, refitted, leaves; exact: had the formula made them."""
+        right = self._right(*self._true(self._record(strengths, exact)), strengths)
+        return float(np.sum(right.residuals[: right.count] ** 2))
+
+    def _right(self, searcher, base, strengths: list[float]):
+        """The right model, refitted from the truth."""
+        from cradle_env.effects import effect
+        from identification.diagnose.candidates import with_effects
+
+        truth = {
+            name: {p.key: np.clip(values[p.key], p.low, p.high).tolist() for p in effect(name).parameters}
+            for name, values in self.apparatus.effects(strengths).items()
+        }
+        return searcher.nearby(with_effects(base.experiment, truth), base.values)
+
+    def _record(self, strengths: list[float], exact: bool = False) -> Recording:
         """As the experiment's, at fewer frames that tell as much: for the cost of it."""
-        return self.apparatus.record(strengths, False, _ORACLE_RATE)
+        return self.apparatus.record(strengths, False, _ORACLE_RATE, exact)
 
     def _true(self, recording: Recording):
         """A search over a recording, and the base model at the true values."""
@@ -265,9 +335,9 @@ def _nearer(nearest, searcher, base, candidate, beside, likely):
         return nearest
 
 
-def strengths_for(apparatus: Apparatus, scratch: Path) -> tuple[list[float], float]:
-    """(strengths, Δχ² by the oracle) at which what is hidden leaves what the case asks; of two, each alone."""
-    case, oracle, found = apparatus.case, Oracle(apparatus, scratch), []
+def strengths_for(apparatus: Apparatus, oracle: Oracle) -> list[float]:
+    """Strengths at which what is hidden leaves the Δχ² that the case asks; of two, each alone."""
+    case, found = apparatus.case, []
     for i, kind in enumerate(case.kinds):
         s = kind.strength
         for refitted, tries in ((False, _SEARCHES), (True, _SEARCHES // 2)):
@@ -280,29 +350,51 @@ def strengths_for(apparatus: Apparatus, scratch: Path) -> tuple[list[float], flo
                 better = s * float(np.clip(np.sqrt(case.target / max(reached, 1e-9)), 0.1, 10.0))
                 s = better if low < better < high else float(np.sqrt(low * high))
         found.append(s)
-    return found, oracle.delta(found)
+    return found
 
 
-def _commit() -> str:
-    """The code that a case is judged by."""
-    asked = ["git", "rev-parse", "--short=7", "HEAD"]
-    return subprocess.run(asked, cwd=Path(__file__).parent, capture_output=True, text=True, check=True).stdout.strip()
+def hide(apparatus: Apparatus, scratch: Path) -> dict:
+    """What a case hides, for its row: strengths, all values, Δχ² by the oracle, and the χ² that the right model
+    leaves of these data without their noise and, of a variant's, of the same made by the formula."""
+    if not apparatus.case.kinds:
+        return {"oracle": 0.0, "strengths": []}
+    oracle = Oracle(apparatus, scratch)
+    strengths = strengths_for(apparatus, oracle)
+    variant = apparatus.case.variant
+    found = {"oracle": round(oracle.delta(strengths), 1), "strengths": strengths,
+             "made by": apparatus.effects(strengths, variant)}  # fmt: skip
+    if not apparatus.in_no_catalogue:
+        found["right leaves"] = round(oracle.right_leaves(strengths), 2)
+    if variant:
+        found["formula leaves"] = round(oracle.right_leaves(strengths, exact=True), 2)
+    return found
+
+
+def _commit(folder: Path = Path(__file__).parent) -> str:
+    """The code that a case is judged by; none has a name that differs from what is committed."""
+
+    def git(*asked: str) -> str:
+        return subprocess.run(["git", *asked], cwd=folder, capture_output=True, text=True, check=True).stdout.rstrip()
+
+    changed = git("status", "--porcelain", "--untracked-files=no", "--", ":/*.py")
+    if changed:
+        raise RuntimeError(f"commit these first, for rows name the commit that judged them:\n{changed}")
+    return git("rev-parse", "--short=7", "HEAD")
 
 
 def run(case: Case, folder: Path) -> None:
     """Makes a case and diagnoses it; its row goes to result.json."""
     out = folder / case.name
-    apparatus = Apparatus(case)
-    strengths, delta = strengths_for(apparatus, out / "clean") if case.kinds else ([], 0.0)
-    path = apparatus.write(out, apparatus.record(strengths, True))
-    known = case.kinds and case.kinds[0] in UNKNOWNS
-    answer = {"effects": ["?"] if known else [kind.name for kind in case.kinds], "truth": apparatus.truth}
-    began = time.process_time()
+    commit, apparatus = _commit(), Apparatus(case)
     row = {
-        "case": case.name, "held_out": case.held_out, "bobs": apparatus.bobs, "noise": apparatus.noise,
-        "rate": apparatus.rate, "target": case.target, "oracle": round(delta, 1), "variant": case.variant,
-        "strengths": strengths, "commit": _commit(),
+        "case": case.name, "held_out": held_out(case.name), "bobs": apparatus.bobs, "noise": apparatus.noise,
+        "rate": apparatus.rate, "settings": asdict(apparatus.settings), "target": case.target,
+        "variant": case.variant, **hide(apparatus, out / "clean"), "commit": commit,
     }  # fmt: skip
+    path = apparatus.write(out, apparatus.record(row["strengths"], True))
+    names = ["?"] if apparatus.in_no_catalogue else [kind.name for kind in case.kinds]
+    answer = {"effects": names, "truth": apparatus.truth}
+    began = time.process_time()
     try:
         row |= judged(path, out / "out", answer)
     except Exception as problem:  # a crash is a miss, to be listed as such
@@ -315,8 +407,8 @@ def run(case: Case, folder: Path) -> None:
     text = json.dumps(row, indent=1)
     (out / "result.part").write_text(text, encoding="utf-8")
     os.replace(out / "result.part", out / "result.json")
-    print(f"{case.name:28} Δχ² {delta:6.0f}  N = {apparatus.bobs}  {row['verdict']:16} {row['named']} {row['one of']} "
-          f"{row['seconds']} s  {'' if row['right'] else 'NOT RIGHT'}", flush=True)  # fmt: skip
+    print(f"{case.name:28} Δχ² {row['oracle']:6.0f}  N = {apparatus.bobs}  {row['verdict']:16} {row['named']} "
+          f"{row['one of']} {row['seconds']} s  {'' if row['right'] else 'NOT RIGHT'}", flush=True)  # fmt: skip
 
 
 def judged(path: Path, out: Path, answer: dict) -> dict:
@@ -351,9 +443,10 @@ def main() -> None:
     """Runs what is not yet there."""
     parser = argparse.ArgumentParser(description="The study of diagnoses.")
     parser.add_argument("folder", type=Path)
-    parser.add_argument("--rounds", type=int, nargs="+", default=list(range(ROUNDS)))
+    parser.add_argument("--rounds", type=int, nargs="+", default=list(range(HELD_OUT, ROUNDS)))
     parser.add_argument("--processes", type=int, default=2)
     chosen = parser.parse_args()
+    _commit()
     left = [case for case in cases(chosen.rounds) if not (chosen.folder / case.name / "result.json").is_file()]
     np.random.default_rng(0).shuffle(left)  # type: ignore[arg-type]  # what is done when it stops is a fair part
     with multiprocessing.get_context("spawn").Pool(chosen.processes, maxtasksperchild=20) as pool:

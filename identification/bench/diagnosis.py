@@ -48,7 +48,8 @@ def judged(
 
 
 def row(content: Mapping[str, Any], answer: Mapping[str, Any]) -> dict[str, Any]:
-    """What was hidden, what was found, and whether that is right. content: that of diagnosis.json."""
+    """What was hidden, what was found, and whether that is right; of the hidden effects also the intervals of their
+    parameters, or how much of them the data may hide. content: that of diagnosis.json."""
     found = [step["effect"] for step in content["steps"]]
     hidden = [str(name) for name in answer["effects"]]
     known = {effect.name for effect in CATALOGUE}
@@ -63,6 +64,8 @@ def row(content: Mapping[str, Any], answer: Mapping[str, Any]) -> dict[str, Any]
         "left": content["remainder"]["significant"],
         "right": right(content["verdict"], found, content["equivalent"], hidden) if possible else None,
         "errors": _errors(content, answer.get("truth", {})),
+        "intervals": {name: entry for name, entry in content["parameters"].items() if name.partition(".")[0] in hidden},
+        "unseen": [entry for entry in content["unseen"] if entry["effect"] in hidden],
     }
 
 
