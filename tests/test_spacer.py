@@ -212,3 +212,16 @@ def test_stiff_strings_that_turn_at_almost_no_stretch(kappa: float, mass: float,
     actions = np.random.default_rng(seed).uniform(-1, 1, (300, 2))
     totals = [ledger(info) for _, info in driven(env, [np.zeros(2), *actions])]
     np.testing.assert_allclose(totals, totals[0], rtol=0, atol=1e-6)  # 4e-9 J were measured; it was 200 J
+
+
+@pytest.mark.parametrize("model", ["pendulum", "ho"])
+def test_a_spacer_that_starts_amid_a_contact(model: str) -> None:
+    """Rigid strings jerk by next to nothing 120 µs after the first touch, which lasts 150 µs: that changes nothing."""
+    followed = {"contact_duration": {"scale": 1.0}}
+    touch = simulate(Cradle(bobs=2, model=model, effects=followed), Release(angle=0.228), 0.5).impacts["time"][0]
+    env = environment(bobs=2, model=model, effects=followed, actions=("delta",), control_interval=touch + 120e-6)
+    (_, before), (at_rest, _) = driven(env, [np.zeros(1), np.zeros(1)])
+    _, (moved, after) = driven(env, [np.zeros(1), np.full(1, 1e-9)])
+    assert after["delta"] > 0.0
+    np.testing.assert_allclose(moved[2:4], at_rest[2:4], rtol=0, atol=1e-4)  # they turned over; 20 J
+    assert ledger(after) == pytest.approx(ledger(before), abs=1e-7)

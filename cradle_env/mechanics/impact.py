@@ -202,15 +202,16 @@ def _press(cradle, bobs, S, W, lo, hi):
 def settle(cradle, bobs, S, W, lo, hi):
     """Makes persistent those contacts of the bobs lo..hi-1 which press and no longer bounce; changes START, LINK.
 
-    RATE0 holds the accelerations without contact forces. A contact persists if, with all that persist, its force
+    RATE0 holds the accelerations without forces of persistent contacts. A contact persists if, with all that persist, its force
     is positive and its bounce would stay below LEAST_BOUNCE; its opening speed goes to zero, and what that takes
-    [J] is added to W[p, LOSS]. Returns the number of new persistent contacts.
+    [J] is added to W[p, LOSS]. Contacts that are followed in time stay so: they are in RATE0. Returns the number of new
+    persistent contacts.
     """
     for p in range(lo, hi - 1):
         gap, nx, nz, v_n, spread = pair(cradle, bobs, p, S[p, T0], S, START)
         W[p, N_X], W[p, N_Z] = nx, nz
         W[p, WANTED] = -opening(cradle, bobs, p, S, START, S, RATE0, nx, nz, spread)
-        W[p, CANDIDATE] = gap <= TOUCHING or S[p, LINK] == PRESSED
+        W[p, CANDIDATE] = S[p, LINK] != RESOLVED and (gap <= TOUCHING or S[p, LINK] == PRESSED)
     while True:
         _press(cradle, bobs, S, W, lo, hi)
         dropped = False
@@ -226,7 +227,8 @@ def settle(cradle, bobs, S, W, lo, hi):
     for p in range(lo, hi - 1):
         pressed = pressed or W[p, ACTIVE] != 0.0
         made += W[p, ACTIVE] != 0.0 and S[p, LINK] != PRESSED
-        S[p, LINK] = PRESSED if W[p, ACTIVE] != 0.0 else OPEN
+        if S[p, LINK] != RESOLVED:
+            S[p, LINK] = PRESSED if W[p, ACTIVE] != 0.0 else OPEN
         W[p, WANTED] = -pair(cradle, bobs, p, S[p, T0], S, START)[3]
     if pressed:
         solve_chain(cradle, bobs, lo, hi, S, START, W)
@@ -253,6 +255,9 @@ def settle_resolved(cradle, bobs, S, W, lo, hi):
                 return False
     if not resolved:
         return False
+    for p in range(lo, hi - 1):
+        if S[p, LINK] == RESOLVED:
+            S[p, LINK] = OPEN
     free_derivative(cradle, bobs, S, W, lo, hi, S[lo, T0], S, START, S, RATE0)
     settle(cradle, bobs, S, W, lo, hi)
     for p in range(lo, hi - 1):
