@@ -401,6 +401,25 @@ def test_a_batch_is_single_runs_bit_for_bit(workers: int | None) -> None:
         assert same(run, simulate(cradle, release, 5.0))
 
 
+def test_threads_find_the_curves_complete() -> None:
+    """The first impacts of a process, in several threads at a time, have the restitution of the later ones."""
+    code = """
+import threading
+from cradle_env.mechanics.restitution import universal_curves
+ready, tables = threading.Barrier(4), []
+def look():
+    ready.wait()
+    tables.append(universal_curves().copy())
+threads = [threading.Thread(target=look) for _ in range(4)]
+for thread in threads:
+    thread.start()
+for thread in threads:
+    thread.join()
+assert all((table == universal_curves()).all() for table in tables)
+"""
+    subprocess.run([sys.executable, "-c", code], check=True, timeout=120)
+
+
 def test_one_cradle_or_one_release_serves_all() -> None:
     releases = [RELEASE, Release(angle=0.1)]
     for run, release in zip(simulate_batch(Cradle(bobs=2), releases, 1.0), releases, strict=True):
