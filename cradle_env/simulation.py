@@ -24,6 +24,8 @@ _RADIAL_STEP, _ANGULAR_STEP = 0.45, 0.2
 _FRICTION_STEP = 0.05
 # Part of the time scale of a contact that is followed in time, which lasts 3.2 of them.
 _CONTACT_STEP = 1.0 / 16.0
+# What may multiply the steps.
+_FACTORS = (1e-3, 4.0)
 #: Samples of one run at most: with five bobs 1.6 GB, and as much again and more for the ledger.
 _MOST_SAMPLES = 1e7
 #: What a status other than DONE means.
@@ -50,13 +52,14 @@ def simulate(
     """One run of a cradle.
 
     duration [s], sampled at sample_rate [1/s] from t = 0, or at `times` (T,) [s], ascending, from 0 on.
-    ledger: keep the energy ledger. step_factor, up to 4, multiplies the integration step in flight (order 8: errors
+    What comes back is the true motion: effects that act on a measurement are in readings of it alone.
+    ledger: keep the energy ledger. step_factor, 0.001 to 4, multiplies the integration step in flight (order 8: errors
     grow by its 8th power), and those in contacts which are followed in time (1e-6 to 1e-5 rad at any step, by the first
     touch) and between bobs that act on each other at a distance. Raises ValueError for impossible input,
     SimulationError if the run cannot be carried to its end.
     """
-    wanted = _times(duration, sample_rate) if times is None else _checked_times(times)
-    return _run(cradle, release, wanted, ledger, check_range("step_factor", step_factor, "", 0.0, above=True))
+    wanted = sample_times(duration, sample_rate) if times is None else _checked_times(times)
+    return _run(cradle, release, wanted, ledger, check_range("step_factor", step_factor, "", *_FACTORS))
 
 
 def simulate_batch(
@@ -80,8 +83,8 @@ def simulate_batch(
     starts = [releases] * count if isinstance(releases, Release | InitialState) else list(releases)
     if len(many) != len(starts):
         raise ValueError(f"{len(many)} cradles and {len(starts)} releases; give as many, or one of either")
-    check_range("step_factor", step_factor, "", 0.0, above=True)
-    wanted = _times(duration, sample_rate) if times is None else _checked_times(times)
+    check_range("step_factor", step_factor, "", *_FACTORS)
+    wanted = sample_times(duration, sample_rate) if times is None else _checked_times(times)
     pairs = list(zip(many, starts, strict=True))
     return in_threads(lambda pair: _run(pair[0], pair[1], wanted, ledger, step_factor), pairs, workers)
 
@@ -102,7 +105,8 @@ def in_threads(function: Callable, items: Sequence, workers: int | None = None) 
         return list(pool.map(function, items))
 
 
-def _times(duration: float, sample_rate: float) -> np.ndarray:
+def sample_times(duration: float, sample_rate: float) -> np.ndarray:
+    """Instants [s] of the samples of a run; ValueError where they are too many."""
     check_range("duration", duration, "s", 0.0, above=True)
     check_range("sample_rate", sample_rate, "1/s", 0.0, above=True)
     samples = check_range(

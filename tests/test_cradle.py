@@ -121,6 +121,7 @@ def test_impossible_starts_are_refused(release: Release | InitialState, message:
         ({"times": np.array([0.0, np.nan])}, "finite"),
         ({"times": np.array([])}, "not empty"),
         ({"step_factor": 0.0}, "step_factor is 0"),
+        ({"step_factor": 20.0}, "step_factor is 20; it must be at least 0.001 and at most 4"),
         ({"duration": 1e300, "sample_rate": 1e3}, "a run is held in memory"),
     ],
 )
