@@ -63,7 +63,8 @@ class NewtonCradleEnv(gym.Env[np.ndarray, np.ndarray]):
     | 4N + 2 | time since the release | s | 0 | `duration` |
 
     σ(t) = |max θ + min θ| / θ0 of the lifted bob over the last 1.05 periods: the paper's σ at the middle of that
-    window, the latest that can be known at t. Until the first window is full σ is 1.
+    window, the latest that can be known at t. Until the first window is full σ is 1; with nothing
+    to synchronize with, one bob alone or all lifted, it stays 1.
 
     `info` has the same keys after `reset` and `step`: `time` [s], `delta`, `release_angle` [rad], `sigma`,
     `newton_exponent` (λ so far [1/s], 0 while unknown), `impacts` (number in this step), `fastest_impact` [m/s], and

@@ -446,3 +446,19 @@ def test_one_bob_hits_nothing() -> None:
     run = simulate(Cradle(bobs=1), RELEASE, 10.0)
     assert len(run.impacts) == 0
     assert run.gaps().shape == (2401, 0)
+
+
+@pytest.mark.parametrize(
+    ("bobs", "beginning"),
+    [
+        (1, RELEASE),
+        (1, InitialState(np.full(1, 0.2), np.zeros(1))),
+        (2, Release(angle=0.2, bobs=2)),
+        (2, Release(angle=0.0)),
+    ],
+    ids=["one bob", "one bob in motion", "all lifted", "none lifted"],
+)
+def test_nothing_to_synchronize_with(bobs: int, beginning: Release | InitialState) -> None:
+    run = simulate(Cradle(bobs=bobs), beginning, 3.0)
+    assert np.isnan(run.sigma()).all() and run.sigma().shape == run.t.shape
+    assert np.isnan(run.newton_exponent())

@@ -98,7 +98,8 @@ def _step(cradle, bobs, table, S, W, angles, episode, ring, action, times, motio
         )
         if status != DONE:
             return status
-        sample_sigma(cradle, bobs, S, episode, ring, t)
+        if episode.lifted < len(bobs):  # else there is nothing to synchronize with
+            sample_sigma(cradle, bobs, S, episode, ring, t)
     episode.delta = target if arrives else episode.delta + rate * (end - start)
     episode.steps += 1
 
