@@ -208,7 +208,8 @@ class NewtonCradleEnv(gym.Env[np.ndarray, np.ndarray]):
 
     @property
     def impacts(self) -> np.ndarray:
-        """Impacts of the last step: time [s], pair (i: bobs i and i + 1), speed [m/s], loss [J]."""
+        """Impacts of the last step: time [s], pair (i: bobs i and i + 1), speed [m/s], loss [J]; of more than 960 of a
+        bob in a second the first."""
         if not self._begun:
             self._refuse()
         return self._stepper.rows(int(self._episodes.info(0)["impacts"]))

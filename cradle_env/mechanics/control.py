@@ -130,7 +130,7 @@ def let_go(cradle, bobs, S, W, angles, episode, ring, delta, angle):
 @jit
 def fly(cradle, bobs, table, S, W, episode, until, times, motion, impacts, rows, count, fastest):
     """Advances to `until` [s] and books the impacts: (status, rows of `impacts` in use, how many impacts, speed of
-    the fastest [m/s]). Where there are more than rows, these begin anew."""
+    the fastest [m/s]). Where there is no room for all, `impacts` keeps the first of them, but for one per bob."""
     while True:
         status, filled = advance(cradle, bobs, table, S, W, until, times, motion, motion, impacts, rows)
         for row in range(rows, filled):
@@ -140,7 +140,7 @@ def fly(cradle, bobs, table, S, W, episode, until, times, motion, impacts, rows,
         rows = filled
         if status != FULL:
             return status, rows, count, fastest
-        rows = 0
+        rows = len(impacts) - len(bobs)
 
 
 @jit
