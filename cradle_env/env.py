@@ -45,8 +45,8 @@ class NewtonCradleEnv(gym.Env[np.ndarray, np.ndarray]):
     −1 and 1 stand for the ends of `delta_range` and `release_angle_range`, 0 for the setting, and numbers between for
     what lies between. The first step sets both and lets go. From then on the spacer moves each pivot at a constant
     velocity through every control interval. This does work on the bobs, which `info["spacer"]` counts: no energy
-    comes from nowhere. A release angle at which the lifted bob would press on its neighbours is raised to where it
-    hangs.
+    comes from nowhere. A release angle at which the lifted bobs would overlap with those that hang is raised until
+    they clear them.
 
     ## Observation space
 
@@ -91,7 +91,7 @@ class NewtonCradleEnv(gym.Env[np.ndarray, np.ndarray]):
     interval needs `max_episode_steps` too.
 
     A step raises `SimulationError` if the motion cannot be carried on: strings or bobs far from any cradle's, which
-    press and bounce without end.
+    press and bounce without end; or a hundred bobs let go at δ < 0, of which no common rest is found.
 
     ## Arguments
 

@@ -14,7 +14,7 @@ from cradle_env.cradle import Cradle
 from cradle_env.mechanics import control, events, restitution
 from cradle_env.mechanics import parameters as p
 from cradle_env.settings import Settings
-from cradle_env.simulation import EXHAUSTED, SimulationError, impact_rows, records
+from cradle_env.simulation import EXHAUSTED, SimulationError, check_rest, impact_rows, records
 from cradle_env.spaces import largest
 from cradle_env.synchronization import ENVELOPE_PERIODS, FLOOR, WINDOW
 
@@ -73,10 +73,11 @@ class Episodes:
         self.of[k] = cradle
         self.episodes["angle_range"][k, 1] = angle
         self._widen(2 * int(episode["half_window"][0]) + 1)
-        control.begin(
-            self.cradles, self.bobs, self.state, *_scratch(settings.bobs)[:2], self.episodes, self.observations,
+        if not control.begin(
+            self.cradles, self.bobs, self.state, *_scratch(settings.bobs), self.episodes, self.observations,
             self.report, k,
-        )  # fmt: skip
+        ):  # fmt: skip
+            check_rest(cradle, math.nan)
 
     def arrays(self) -> tuple[np.ndarray, ...]:
         """Everything that makes up the state: copies of these, put back, continue bit for bit."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -32,6 +33,7 @@ _MOST_SAMPLES = 1e7
 EXHAUSTED = {
     events.STALLED: "more impacts at one instant than can be resolved",
     events.NOT_FINITE: "the motion left the range of numbers",
+    events.NO_REST: "no common rest was found of bobs that press so hard on each other; take fewer, or delta nearer 0",
 }
 
 
@@ -236,11 +238,27 @@ def impact_rows(impacts: np.ndarray) -> np.ndarray:
     return rows
 
 
+def check_rest(cradle: Cradle, found: float) -> None:
+    """ValueError unless what the search for the bobs' rest has returned is finite."""
+    if not np.isfinite(found):
+        raise ValueError(f"bobs is {cradle.bobs} at delta {np.min(cradle.delta):g}: {EXHAUSTED[events.NO_REST]}")
+
+
+def raised(cradle: Cradle, release: Release) -> Release:
+    """The release of the last bobs at its angle, or at the least beyond it where they clear those that hang."""
+    c, bobs = records(cradle)
+    S, W = np.zeros((cradle.bobs, p.COLUMNS)), np.zeros((cradle.bobs, p.SCRATCH))
+    scratch = np.zeros(cradle.bobs)
+    angle = start.lift(c[0], bobs, release.bobs, release.angle, release.start == "hanging", S, W, scratch)
+    check_rest(cradle, angle)
+    return dataclasses.replace(release, angle=angle)
+
+
 def equilibrium(cradle: Cradle) -> tuple[np.ndarray, np.ndarray]:
     """(theta [rad], r [m]) of each bob at rest, none lifted, its strings on the virgin loading line; both (N,)."""
     c, bobs = records(cradle)
     S, W = np.zeros((cradle.bobs, p.COLUMNS)), np.zeros((cradle.bobs, p.SCRATCH))
-    start.at_rest(c[0], bobs, np.full(cradle.bobs, np.nan), False, S, W)
+    check_rest(cradle, start.at_rest(c[0], bobs, np.full(cradle.bobs, np.nan), False, S, W))
     x, z = S[:, p.START] - bobs["pivot"], S[:, p.START + 1]
     if not c["elastic"][0]:
         return S[:, p.START].copy(), bobs["length"].copy()

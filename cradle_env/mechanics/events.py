@@ -55,7 +55,7 @@ from cradle_env.mechanics.parameters import (
 from cradle_env.mechanics.strings import slacken, stretch, turn
 
 # What a run can end with.
-DONE, FULL, STALLED, NOT_FINITE = 0, 1, 2, 3
+DONE, FULL, STALLED, NOT_FINITE, NO_REST = 0, 1, 2, 3, 4
 # So many events without this much progress [s] are a stall.
 _STALL_EVENTS, _STALL_TIME = 2000, 1e-2
 _FIRST = np.int64(0)
