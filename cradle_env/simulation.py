@@ -183,28 +183,36 @@ def prepare(cradle: Cradle, release: Release | InitialState, step_factor: float 
     S, W = np.zeros((cradle.bobs, p.COLUMNS)), np.zeros((cradle.bobs, p.SCRATCH))
     if isinstance(release, Release):
         overlap = start.at_rest(c[0], bobs, release.angles_of(cradle), release.start == "hanging", S, W)
-        if overlap > 1e-6:
-            raise ValueError(
-                f"bobs overlap by {overlap:.2g} m at the release; lift the end bobs, outwards (angles are positive "
-                "towards the last bob), or increase delta"
-            )
+        check_rest(cradle, overlap)
+        remedy = "lift the end bobs, outwards (angles are positive towards the last bob), or increase delta"
     else:
         theta, theta_dot, r, r_dot, ratio = _initial_arrays(cradle, release)
-        start.moving(c[0], bobs, theta, theta_dot, r, r_dot, ratio, S, W)
+        overlap = start.moving(c[0], bobs, theta, theta_dot, r, r_dot, ratio, S, W)
+        remedy = "give angles at which they hang side by side"
+    if overlap > 1e-6:
+        raise ValueError(f"bobs overlap by {overlap:.2g} m at the release; {remedy}")
     return c, bobs, S, W
+
+
+# What an initial state can be: nothing is nearer its pivot, and no string pulls more than on its virgin line, but for
+# rounding.
+_POSSIBLE = {"r": (1e-9, np.inf), "tension_ratio": (0.0, 1.0 + 1e-9)}
 
 
 def _initial_arrays(cradle: Cradle, state: InitialState) -> list[np.ndarray]:
     """theta, theta_dot, r (nan: hanging), r_dot, tension ratio, each (N,)."""
-    defaults = (state.theta, state.theta_dot, np.nan, 0.0, 1.0)
+    defaults = (None, None, np.nan, 0.0, 1.0)
     given = (state.theta, state.theta_dot, state.r, state.r_dot, state.tension_ratio)
     arrays = []
     for name, value, default in zip(
         ("theta", "theta_dot", "r", "r_dot", "tension_ratio"), given, defaults, strict=True
     ):
         array = np.asarray(default if value is None else value, dtype=float)
-        if value is not None and (array.shape != (cradle.bobs,) or not np.all(np.isfinite(array))):
+        if (value is not None or default is None) and (array.shape != (cradle.bobs,) or not np.all(np.isfinite(array))):
             raise ValueError(f"initial {name} must be {cradle.bobs} finite numbers, one per bob")
+        low, high = _POSSIBLE.get(name, (-np.inf, np.inf))
+        for number in () if value is None else array:
+            check_range(f"initial {name}", number, "m" if name == "r" else "", low, high)
         arrays.append(np.ascontiguousarray(np.broadcast_to(array, cradle.bobs)))
     return arrays
 

@@ -8,6 +8,7 @@ import subprocess
 import sys
 import threading
 
+import gymnasium
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -16,7 +17,7 @@ from hypothesis import strategies as st
 from cradle_env import Cradle, InitialState, Release, Trajectory, simulate, simulate_batch
 from cradle_env.mechanics import events, restitution
 from cradle_env.mechanics.parameters import T0, T1
-from cradle_env.simulation import prepare
+from cradle_env.simulation import SimulationError, prepare
 
 RELEASE = Release(angle=0.228)
 
@@ -93,6 +94,32 @@ def test_impossible_releases_are_refused(fields: dict, message: str) -> None:
         Release(**fields)
 
 
+def test_a_start_from_which_bobs_cannot_be_spread_is_refused() -> None:
+    """Those that overlap a little are spread; on strings of 1 mm, 20 mm apart, they cannot be."""
+    simulate(Cradle(bobs=3), InitialState(np.array([0.0, -0.01, 0.0]), np.zeros(3)), 0.1)
+    with pytest.raises(ValueError, match=r"bobs overlap by 0.02. m at the release; give angles"):
+        simulate(Cradle(bobs=2, delta=-0.5), InitialState(np.zeros(2), np.zeros(2), r=np.full(2, 1e-3)), 0.1)
+
+
+@pytest.mark.parametrize(("bobs", "delta"), [(100, -0.02), (200, -0.05)])
+def test_bobs_pressed_so_hard_that_no_rest_is_found(bobs: int, delta: float) -> None:
+    """They were let go from places where they had passed through each other."""
+    with pytest.raises(ValueError, match=f"bobs is {bobs} at delta {delta}: no common rest was found"):
+        simulate(Cradle(bobs=bobs, delta=delta), Release(angle=1.2), 0.1)
+    env = gymnasium.make("NewtonCradle-v0", bobs=bobs, delta_range=(-0.05, 0.1), actions=("delta",))
+    env.reset()
+    with pytest.raises(SimulationError, match="no common rest"):
+        env.step(np.full(1, -1.0))
+    with pytest.raises(ValueError, match="no common rest"):
+        env.reset(options={"delta": delta})
+
+
+def test_ninety_bobs_pressed_together() -> None:
+    run = simulate(Cradle(bobs=90, delta=-0.02), Release(angle=1.2), times=np.array([0.0, 0.1]))
+    assert run.theta[0, 0] == pytest.approx(-44 * 0.0008 / 0.3, rel=0.02)
+    np.testing.assert_allclose(run.gaps()[:, :88], 0.0, rtol=0, atol=1e-12)
+
+
 @pytest.mark.parametrize(
     ("release", "message"),
     [
@@ -104,6 +131,11 @@ def test_impossible_releases_are_refused(fields: dict, message: str) -> None:
         (InitialState(theta=np.zeros(2), theta_dot=np.zeros(3)), "initial theta must be 3 finite numbers"),
         (InitialState(theta=np.zeros(3), theta_dot=np.full(3, np.nan)), "initial theta_dot"),
         (InitialState(theta=np.zeros(3), theta_dot=np.zeros(3), r=np.ones(4)), "initial r must"),
+        (InitialState(theta=None, theta_dot=np.zeros(3)), "initial theta must be 3 finite numbers"),
+        (InitialState(np.zeros(3), np.zeros(3), r=np.array([0.3, 0.0, 0.3])), "initial r is 0 m; it must be at least"),
+        (InitialState(np.zeros(3), np.zeros(3), r=np.full(3, -0.3)), "initial r is -0.3 m"),
+        (InitialState(np.zeros(3), np.zeros(3), tension_ratio=np.full(3, -5.0)), "initial tension_ratio is -5"),
+        (InitialState(np.zeros(3), np.zeros(3), tension_ratio=np.full(3, 2.0)), "at least 0 and at most 1"),
     ],
 )
 def test_impossible_starts_are_refused(release: Release | InitialState, message: str) -> None:

@@ -50,7 +50,7 @@ def put(cradle, bob, S, i, theta, r):
         S[i, START + c] = 0.0
     if cradle.elastic:
         S[i, START], S[i, START + 1] = bob.pivot + r * math.sin(theta), -r * math.cos(theta)
-        S[i, WORK] = work_between(bob, 0.0, bob.kappa, 0.0, bob.length, r)
+        S[i, WORK] = work_between(bob, 0.0, bob.kappa, 0.0, bob.length, max(r, bob.length))
     else:
         S[i, START] = theta
 
