@@ -16,6 +16,7 @@ from cradle_env.effects.learned_force import has_dry_friction, learned_force
 from cradle_env.errors import check_range
 from cradle_env.mechanics import events, restitution, start
 from cradle_env.mechanics import parameters as p
+from cradle_env.mechanics.forces import FRICTION_SMOOTHING
 from cradle_env.trajectory import IMPACT, Trajectory
 
 # Integration step as a fraction of 1/ω of the faster motion: 1e-10 rad over 10 s on elastic strings, see
@@ -23,6 +24,8 @@ from cradle_env.trajectory import IMPACT, Trajectory
 _RADIAL_STEP, _ANGULAR_STEP = 0.45, 0.2
 # Dry friction changes sign within a hundredth of a period.
 _FRICTION_STEP = 0.05
+# Drag, friction or attraction that act faster than this many times ω of the swing are those of no cradle.
+_STIFFEST = 1e4
 # Part of the time scale of a contact that is followed in time, which lasts 3.2 of them.
 _CONTACT_STEP = 1.0 / 16.0
 # What may multiply the steps.
@@ -158,11 +161,31 @@ def records(cradle: Cradle, step_factor: float = 1.0) -> tuple[np.ndarray, np.nd
         step = min(step, _RADIAL_STEP * np.sqrt(c["frame_mass"][0] / c["frame_stiffness"][0]))
     if bobs["tau_c"].any() or has_dry_friction(cradle.effects.get(learned_force.name, {})):
         step = min(step, _FRICTION_STEP / angular)
+    if (rate := _stiffest(c[0], bobs, angular)) > 0.0:
+        step = min(step, _RADIAL_STEP / rate)
     c["step"], c["contact_step"] = step * step_factor, _CONTACT_STEP * step_factor
     c["reach"] *= step_factor
     if (scale := c["contact_scale"][0]) > 0.0:
         c["contact_k_el"], c["contact_k_f"] = c["k_el"] * scale**-2.5, c["k_f"] * scale**-1.5
     return c, bobs
+
+
+def _stiffest(c: np.void, bobs: np.ndarray, angular: float) -> float:
+    """The rate [1/s] of the fastest of drag, friction near rest and attraction; `angular` [1/s] is the swing's ω."""
+    rates = {
+        "b": np.max(bobs["b"] * bobs["mobility"]) * (1.0 + 2.0 * c["drag_slope"]),
+        "pivot_friction: tau_c": np.max(bobs["tau_c"] * bobs["mobility"] / bobs["length"] ** 2) / FRICTION_SMOOTHING,
+    }
+    if c["attraction"] > 0.0:
+        stiffness = 2.0 * c["attraction"] / c["attraction_range"]
+        rates["bob_attraction: force"] = np.sqrt(stiffness * np.max(bobs["mobility"]))
+    name, rate = max(rates.items(), key=lambda item: item[1])
+    if rate > _STIFFEST * angular:
+        raise ValueError(
+            f"{name} acts on a bob within {1.0 / rate:.2g} s; it must take {1.0 / (_STIFFEST * angular):.2g} s or more,"
+            " so make it weaker, or the bob heavier"
+        )
+    return rate
 
 
 def _write_user_forces(c: np.ndarray, bobs: np.ndarray, forces: list[tuple[Effect, dict[str, float]]]) -> None:
