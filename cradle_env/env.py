@@ -62,6 +62,8 @@ class NewtonCradleEnv(gym.Env[np.ndarray, np.ndarray]):
     | 4N + 1 | σ, see below | 1 | 0 | 2 |
     | 4N + 2 | time since the release | s | 0 | `duration` |
 
+    This is the true motion: effects that act on a measurement change readings of it alone, not what is seen here.
+
     σ(t) = |max θ + min θ| / θ0 of the lifted bob over the last 1.05 periods: the paper's σ at the middle of that
     window, the latest that can be known at t. Until the first window is full σ is 1; with nothing
     to synchronize with, one bob alone or all lifted, it stays 1.

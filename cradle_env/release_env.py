@@ -14,7 +14,7 @@ from cradle_env.cradle import Cradle, Release
 from cradle_env.settings import Settings
 from cradle_env.simulation import raised, sample_times, simulate
 from cradle_env.spaces import action_space, rounded
-from cradle_env.synchronization import check_duration
+from cradle_env.synchronization import check_duration, half_window
 
 #: Instants at which σ is shown, as parts of the duration.
 FEATURES = np.arange(1, 13) / 12.0
@@ -67,8 +67,8 @@ class NewtonCradleReleaseEnv(gym.Env[np.ndarray, np.ndarray]):
     ## Arguments
 
     Those of `NewtonCradle-v0` that describe a cradle (`released_bobs` less than `bobs`), `actions`, their ranges,
-    `duration` (more than 1 s), `reward` and `dtype`; `reset(options=...)` likewise. Where settings are ranges, every
-    episode draws a new cradle.
+    `duration` (more than 1 s), `reward` and `dtype`, none of control; `reset(options=...)` likewise. Where settings are
+    ranges, every episode draws a new cradle.
 
     ## Version history
 
@@ -81,8 +81,14 @@ class NewtonCradleReleaseEnv(gym.Env[np.ndarray, np.ndarray]):
         if render_mode is not None:
             raise ValueError(f"render_mode is {render_mode!r}; one step is a whole experiment, which has no picture")
         self.render_mode = None
+        for name in _OF_CONTROL:
+            if name in settings:
+                raise TypeError(f"{name} is a setting of NewtonCradle-v0; here nothing is controlled, so leave it out")
         self.settings = Settings.of(**settings)
         check_duration(self.settings.duration)
+        sample_times(self.settings.duration, _SAMPLE_RATE)
+        fastest = Cradle(length=self.settings.narrowest().length, gravity=self.settings.widest().gravity)
+        half_window(fastest.period, 1.0 / _SAMPLE_RATE)
         lifted = Release(angle=1.0, bobs=self.settings.released_bobs)  # to whatever angle
         lifted.check_synchronizes(Cradle(bobs=self.settings.bobs))
         self.action_space = action_space(self.settings)
@@ -104,6 +110,7 @@ class NewtonCradleReleaseEnv(gym.Env[np.ndarray, np.ndarray]):
         self._episode, posterior = self.settings.for_episode(options)
         super().reset(seed=seed)
         self._cradle, self._angle = self._episode.drawn(self.np_random, posterior)
+        half_window(self._cradle.period, 1.0 / _SAMPLE_RATE)
         self._info = {
             "newton_exponent": 0.0,
             "delta": self._cradle.delta,

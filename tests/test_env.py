@@ -791,9 +791,37 @@ REFUSED = [
 
 @pytest.mark.parametrize(("told", "kind", "message"), REFUSED, ids=[repr(told)[1:50] for told, _, _ in REFUSED])
 def test_settings_are_refused_by_name(told: dict, kind: type, message: str) -> None:
-    for env in (NewtonCradleEnv, NewtonCradleReleaseEnv):
+    with pytest.raises(kind, match=message):
+        NewtonCradleEnv(**told)
+    if not {"spacer_speed", "control_interval", "synchronized_at"} & {*told}:
         with pytest.raises(kind, match=message):
-            env(**told)
+            NewtonCradleReleaseEnv(**told)
+
+
+@pytest.mark.parametrize(
+    ("told", "kind", "message"),
+    [
+        ({"control_interval": 5.0}, TypeError, "control_interval is a setting of NewtonCradle-v0; .* leave it out"),
+        ({"spacer_speed": 1e-9}, TypeError, "spacer_speed is a setting of NewtonCradle-v0"),
+        ({"synchronized_at": 0.9}, TypeError, "synchronized_at is a setting of NewtonCradle-v0"),
+        ({"duration": 1e6}, ValueError, r"duration times sample_rate is 2.4e\+08; it must be at most 1e\+07"),
+        (
+            {"length": 5e-4},
+            ValueError,
+            "samples every 0.00416667 s are too sparse for .* a 0.04.* s swing",
+        ),
+        ({"length": (5e-4, 0.3)}, ValueError, "too sparse"),
+    ],
+)
+def test_the_release_refuses_what_it_cannot_do(told: dict, kind: type, message: str) -> None:
+    with pytest.raises(kind, match=message):
+        NewtonCradleReleaseEnv(**told)
+
+
+def test_numbers_as_arrays_without_a_dimension() -> None:
+    settings = NewtonCradleEnv(k_f=np.array(17000.0), delta=np.array(0.01), release_angle=np.array(0.2)).settings
+    cradle, angle = settings.drawn(np.random.default_rng(0))
+    assert (cradle.k_f, cradle.delta, angle) == (17000.0, 0.01, 0.2)
 
 
 @pytest.mark.parametrize(
