@@ -81,7 +81,7 @@ class Trajectory:
         return float(newton_exponent(self.t, self.sigma(), window))
 
     def x(self) -> np.ndarray:
-        """Horizontal position of each bob [m], shape (T, N)."""
+        """Horizontal position of each bob [m], shape (T, N), on a frame that moves relative to it."""
         along = np.sin(self.theta) if self.cradle.has("large_angle") else self.theta
         return self.cradle.pivots + self.r * along
 
