@@ -40,7 +40,7 @@ if "NewtonCradle-v0" not in _registration.registry:
         entry_point="cradle_env.env:NewtonCradleEnv",
         vector_entry_point="cradle_env.vector_env:NewtonCradleVectorEnv",
         max_episode_steps=3600,
-        reward_threshold=2.85,  # the best that a spacer at rest can do is 2.75
+        reward_threshold=2.85,  # a spacer at rest returns up to 2.845, at δ = 0.095 and 0.05 rad
     )
 if "NewtonCradleRelease-v0" not in _registration.registry:
     _registration.register(

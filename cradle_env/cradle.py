@@ -26,6 +26,8 @@ POWER_LAW_SPEEDS = (0.02, 1.0)
 _LARGEST = 1e12
 #: Nothing of length, mass, radius or gravity is smaller, no gap wider, and no β beyond these.
 _SMALLEST, _WIDEST, _BETAS = 1e-9, 100.0, (1e-6, 1e3)
+#: Moduli [Pa] from that of a foam to a million times that of diamond.
+_MODULI = (1.0, 1e18)
 
 
 def _plain(value):
@@ -82,7 +84,7 @@ class Cradle:
         for name, unit in (("length", "m"), ("mass", "kg"), ("radius", "m"), ("gravity", "m/s^2")):
             positive = check_range(name, getattr(self, name), unit, 0.0, _LARGEST, above=True)
             put(name, check_range(name, positive, unit, _SMALLEST))
-        put("youngs_modulus", check_range("youngs_modulus", self.youngs_modulus, "Pa", 0.0, above=True))
+        put("youngs_modulus", check_range("youngs_modulus", self.youngs_modulus, "Pa", *_MODULI))
         put("poisson_ratio", check_range("poisson_ratio", self.poisson_ratio, "", -1.0, 0.5, above=True))
         for name, unit in (("pivot_half_spacing", "m"), ("k_f", "N s/m^(3/2)"), ("b", "kg/s")):
             put(name, check_range(name, getattr(self, name), unit, 0.0, _LARGEST))
@@ -90,7 +92,7 @@ class Cradle:
         kappa = self._kappa_for(STANDARD_BETA) if self.kappa is None else self.kappa
         put("kappa", check_range("kappa", kappa, "N/m", 0.0, _LARGEST, above=True))
         if self.power_law is not None:
-            if not isinstance(self.power_law, Sequence | np.ndarray) or len(self.power_law) != 2:
+            if np.shape(self.power_law) != (2,):
                 raise ValueError(f"power_law is {self.power_law!r}; it must be the pair (alpha, n)")
             alpha, n = self.power_law
             put("power_law", (check_range("alpha", alpha, "", 0.0), check_range("n", n, "", 0.0)))
@@ -98,7 +100,7 @@ class Cradle:
         put("effects", self._checked_effects())
 
     def _checked_delta(self) -> float | tuple[float, ...]:
-        if isinstance(self.delta, Sequence | np.ndarray) and not isinstance(self.delta, str):
+        if isinstance(self.delta, Sequence | np.ndarray) and np.ndim(self.delta) > 0:
             if len(self.delta) != self.bobs - 1:
                 raise ValueError(f"delta has {len(self.delta)} values; {self.bobs} bobs have {self.bobs - 1} gaps")
             return tuple(check_range("delta", d, "", -1.0, _WIDEST, above=True) for d in self.delta)
@@ -259,10 +261,16 @@ class Release:
                 raise ValueError(f"release bobs is {self.bobs!r}; it must be a whole number, at least 1")
             object.__setattr__(self, "bobs", int(bobs))
         else:
-            angles = {int(i): check_range(f"release angle of bob {i}", a, "rad", -math.pi, math.pi)
-                      for i, a in (self.angles or {}).items()}  # fmt: skip
-            if not angles:
-                raise ValueError("angles is empty; name at least one bob")
+            if self.bobs != 1:
+                raise ValueError(f"release bobs is {self.bobs!r}; angles names the bobs, so leave it out")
+            if not isinstance(self.angles, Mapping) or not self.angles:
+                raise ValueError(f"angles is {self.angles!r}; give {{bob: angle}} for at least one bob")
+            angles = {}
+            for i, angle in self.angles.items():
+                bob = check_range("release bob", i, "")
+                if bob != int(bob):
+                    raise ValueError(f"release bob is {i!r}; it must be a whole number")
+                angles[int(bob)] = check_range(f"release angle of bob {i}", angle, "rad", -math.pi, math.pi)
             object.__setattr__(self, "angles", MappingProxyType(angles))
 
     def __reduce__(self):

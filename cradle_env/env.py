@@ -45,8 +45,8 @@ class NewtonCradleEnv(gym.Env[np.ndarray, np.ndarray]):
     −1 and 1 stand for the ends of `delta_range` and `release_angle_range`, 0 for the setting, and numbers between for
     what lies between. The first step sets both and lets go. From then on the spacer moves each pivot at a constant
     velocity through every control interval. This does work on the bobs, which `info["spacer"]` counts: no energy
-    comes from nowhere. A release angle at which the lifted bob would press on its neighbours is raised to where it
-    hangs.
+    comes from nowhere. A release angle at which the lifted bobs would overlap with those that hang is raised until
+    they clear them.
 
     ## Observation space
 
@@ -62,8 +62,11 @@ class NewtonCradleEnv(gym.Env[np.ndarray, np.ndarray]):
     | 4N + 1 | σ, see below | 1 | 0 | 2 |
     | 4N + 2 | time since the release | s | 0 | `duration` |
 
+    This is the true motion: effects that act on a measurement change readings of it alone, not what is seen here.
+
     σ(t) = |max θ + min θ| / θ0 of the lifted bob over the last 1.05 periods: the paper's σ at the middle of that
-    window, the latest that can be known at t. Until the first window is full σ is 1.
+    window, the latest that can be known at t. Until the first window is full σ is 1; with nothing
+    to synchronize with, one bob alone or all lifted, it stays 1.
 
     `info` has the same keys after `reset` and `step`: `time` [s], `delta`, `release_angle` [rad], `sigma`,
     `newton_exponent` (λ so far [1/s], 0 while unknown), `impacts` (number in this step), `fastest_impact` [m/s], and
@@ -90,7 +93,7 @@ class NewtonCradleEnv(gym.Env[np.ndarray, np.ndarray]):
     interval needs `max_episode_steps` too.
 
     A step raises `SimulationError` if the motion cannot be carried on: strings or bobs far from any cradle's, which
-    press and bounce without end.
+    press and bounce without end; or a hundred bobs let go at δ < 0, of which no common rest is found.
 
     ## Arguments
 
@@ -207,7 +210,8 @@ class NewtonCradleEnv(gym.Env[np.ndarray, np.ndarray]):
 
     @property
     def impacts(self) -> np.ndarray:
-        """Impacts of the last step: time [s], pair (i: bobs i and i + 1), speed [m/s], loss [J]."""
+        """Impacts of the last step: time [s], pair (i: bobs i and i + 1), speed [m/s], loss [J]; of more than 960 of a
+        bob in a second the first."""
         if not self._begun:
             self._refuse()
         return self._stepper.rows(int(self._episodes.info(0)["impacts"]))

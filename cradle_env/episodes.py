@@ -14,7 +14,7 @@ from cradle_env.cradle import Cradle
 from cradle_env.mechanics import control, events, restitution
 from cradle_env.mechanics import parameters as p
 from cradle_env.settings import Settings
-from cradle_env.simulation import EXHAUSTED, SimulationError, impact_rows, records
+from cradle_env.simulation import EXHAUSTED, SimulationError, check_rest, impact_rows, records
 from cradle_env.spaces import largest
 from cradle_env.synchronization import ENVELOPE_PERIODS, FLOOR, WINDOW
 
@@ -25,8 +25,9 @@ EPISODE_ARRAYS = 7
 _STEP_FACTOR = 2.0
 # Samples of σ are taken at least so often [1/s]: a peak is missed by 3e-4 of it at most.
 _SAMPLE_RATE = 120.0
-# Impacts of one bob in an interval that are kept; more are counted all the same.
-_IMPACTS = 16
+# Impacts of one bob that are kept, at most so often [1/s]; of any interval at least, and at most, so many. More are
+# counted all the same.
+_IMPACT_RATE, _LEAST_IMPACTS, _MOST_IMPACTS = 960.0, 16, 2000
 _REWARDS = {"synchronize": p.SYNCHRONIZE, "sustain": p.SUSTAIN}
 
 
@@ -58,6 +59,7 @@ class Episodes:
         #: The cradle of each episode.
         self.of: list[Cradle | None] = [None] * count
         self._largest = largest(settings)
+        self._kept = int(min(max(_IMPACT_RATE * settings.control_interval, _LEAST_IMPACTS), _MOST_IMPACTS))
         self._records: tuple[Cradle, Settings, np.ndarray, np.ndarray, np.ndarray] | None = None
 
     def begin(self, k: int, settings: Settings, cradle: Cradle, angle: float) -> None:
@@ -71,10 +73,11 @@ class Episodes:
         self.of[k] = cradle
         self.episodes["angle_range"][k, 1] = angle
         self._widen(2 * int(episode["half_window"][0]) + 1)
-        control.begin(
-            self.cradles, self.bobs, self.state, *_scratch(settings.bobs)[:2], self.episodes, self.observations,
+        if not control.begin(
+            self.cradles, self.bobs, self.state, *_scratch(settings.bobs), self.episodes, self.observations,
             self.report, k,
-        )  # fmt: skip
+        ):  # fmt: skip
+            check_rest(cradle, math.nan)
 
     def arrays(self) -> tuple[np.ndarray, ...]:
         """Everything that makes up the state: copies of these, put back, continue bit for bit."""
@@ -106,7 +109,7 @@ class Episodes:
 
     def stepper(self) -> Stepper:
         """Something that advances these episodes, in one thread."""
-        self._steppers.append(Stepper(self.bobs.shape[1]))
+        self._steppers.append(Stepper(self.bobs.shape[1], self._kept))
         self._steppers[-1].bind(self)
         return self._steppers[-1]
 
@@ -140,8 +143,10 @@ class Stepper:
     step(lo, hi) returns the first status that is not DONE.
     """
 
-    def __init__(self, bobs: int) -> None:
-        self.scratch, self.angles, self.impacts = _scratch(bobs)
+    def __init__(self, bobs: int, impacts: int) -> None:
+        self.scratch, self.angles = _scratch(bobs)
+        # The kernel needs room for one more of every bob.
+        self.impacts = np.zeros(((impacts + 1) * bobs, 4))
         self.step: Callable[[int, int], int]
 
     def bind(self, of: Episodes) -> None:
@@ -158,12 +163,12 @@ class Stepper:
         return {name: value for name, value in self.__dict__.items() if name != "step"}
 
     def rows(self, count: int) -> np.ndarray:
-        """The impacts of the last episode stepped, `count` of them; see `IMPACT`."""
-        return impact_rows(self.impacts[: min(count, len(self.impacts))])
+        """The impacts of the last episode stepped, the first `count` of them; see `IMPACT`."""
+        return impact_rows(self.impacts[: min(count, len(self.impacts) - len(self.angles))])
 
 
-def _scratch(bobs: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    return np.zeros((bobs, p.SCRATCH)), np.zeros(bobs), np.zeros((_IMPACTS * bobs, 4))
+def _scratch(bobs: int) -> tuple[np.ndarray, np.ndarray]:
+    return np.zeros((bobs, p.SCRATCH)), np.zeros(bobs)
 
 
 def _records(

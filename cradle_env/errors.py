@@ -10,10 +10,10 @@ from collections.abc import Iterable
 _ABSURD = 1e9
 
 
-def unknown_key(what: str, key: str, known: Iterable[str]) -> str:
+def unknown_key(what: str, key: object, known: Iterable[str]) -> str:
     """The message for a key that does not exist, with the nearest that does."""
     known = sorted(known)
-    near = difflib.get_close_matches(key, known, n=1, cutoff=0.5)
+    near = difflib.get_close_matches(str(key), known, n=1, cutoff=0.5)
     hint = f"did you mean {near[0]!r}?" if near else f"known: {', '.join(known) or 'none'}"
     return f"unknown {what} {key!r}; {hint}"
 

@@ -12,14 +12,18 @@ from gymnasium.spaces import Box
 
 from cradle_env.cradle import Cradle, Release
 from cradle_env.settings import Settings
-from cradle_env.simulation import equilibrium, simulate
+from cradle_env.simulation import raised, sample_times, simulate
 from cradle_env.spaces import action_space, rounded
-from cradle_env.synchronization import check_duration
+from cradle_env.synchronization import check_duration, half_window
 
 #: Instants at which σ is shown, as parts of the duration.
 FEATURES = np.arange(1, 13) / 12.0
 #: Largest λ that can be told [1/s]: σ at its floor one second after the release.
 _FASTEST = 7.0
+#: Samples of an experiment [1/s].
+_SAMPLE_RATE = 240.0
+#: Settings of control, which there is none of.
+_OF_CONTROL = ("control_interval", "spacer_speed", "synchronized_at")
 
 
 class NewtonCradleReleaseEnv(gym.Env[np.ndarray, np.ndarray]):
@@ -33,8 +37,8 @@ class NewtonCradleReleaseEnv(gym.Env[np.ndarray, np.ndarray]):
     ## Action space
 
     `Box(-1, 1, (A,), float32)`, one number for each of `actions`, as in `NewtonCradle-v0`: 0 stands for the setting,
-    −1 and 1 for the ends of `delta_range` and `release_angle_range`. A release angle at which the lifted bob would
-    press on its neighbours is raised to where it hangs.
+    −1 and 1 for the ends of `delta_range` and `release_angle_range`. A release angle at which the lifted bobs would
+    overlap with those that hang is raised until they clear them.
 
     ## Observation space
 
@@ -63,8 +67,8 @@ class NewtonCradleReleaseEnv(gym.Env[np.ndarray, np.ndarray]):
     ## Arguments
 
     Those of `NewtonCradle-v0` that describe a cradle (`released_bobs` less than `bobs`), `actions`, their ranges,
-    `duration` (more than 1 s), `reward` and `dtype`; `reset(options=...)` likewise. Where settings are ranges, every
-    episode draws a new cradle.
+    `duration` (more than 1 s), `reward` and `dtype`, none of control; `reset(options=...)` likewise. Where settings are
+    ranges, every episode draws a new cradle.
 
     ## Version history
 
@@ -77,8 +81,14 @@ class NewtonCradleReleaseEnv(gym.Env[np.ndarray, np.ndarray]):
         if render_mode is not None:
             raise ValueError(f"render_mode is {render_mode!r}; one step is a whole experiment, which has no picture")
         self.render_mode = None
+        for name in _OF_CONTROL:
+            if name in settings:
+                raise TypeError(f"{name} is a setting of NewtonCradle-v0; here nothing is controlled, so leave it out")
         self.settings = Settings.of(**settings)
         check_duration(self.settings.duration)
+        sample_times(self.settings.duration, _SAMPLE_RATE)
+        fastest = Cradle(length=self.settings.narrowest().length, gravity=self.settings.widest().gravity)
+        half_window(fastest.period, 1.0 / _SAMPLE_RATE)
         lifted = Release(angle=1.0, bobs=self.settings.released_bobs)  # to whatever angle
         lifted.check_synchronizes(Cradle(bobs=self.settings.bobs))
         self.action_space = action_space(self.settings)
@@ -100,6 +110,7 @@ class NewtonCradleReleaseEnv(gym.Env[np.ndarray, np.ndarray]):
         self._episode, posterior = self.settings.for_episode(options)
         super().reset(seed=seed)
         self._cradle, self._angle = self._episode.drawn(self.np_random, posterior)
+        half_window(self._cradle.period, 1.0 / _SAMPLE_RATE)
         self._info = {
             "newton_exponent": 0.0,
             "delta": self._cradle.delta,
@@ -117,13 +128,13 @@ class NewtonCradleReleaseEnv(gym.Env[np.ndarray, np.ndarray]):
         action = self._episode.checked_action(action)
         values = self._episode.meaning(action, self._cradle, self._angle)
         cradle = self._cradle.replace(delta=values["delta"])
-        angle = max(values["release_angle"], float(equilibrium(cradle)[0][-1]))
-        release = Release(angle=angle, bobs=self._episode.released_bobs, start=self._episode.start)
-        run = simulate(cradle, release, self._episode.duration, ledger=False)
+        asked = Release(angle=values["release_angle"], bobs=self._episode.released_bobs, start=self._episode.start)
+        release = raised(cradle, asked)
+        run = simulate(cradle, release, self._episode.duration, _SAMPLE_RATE, ledger=False)
         sigma, exponent = run.sigma(), run.newton_exponent()
         info = {
             "newton_exponent": exponent if math.isfinite(exponent) else _FASTEST,
-            "delta": values["delta"], "release_angle": angle, "cradle": cradle, "times": run.t, "sigma": sigma,
+            "delta": values["delta"], "release_angle": release.angle, "cradle": cradle, "times": run.t, "sigma": sigma,
         }  # fmt: skip
         reward = self._episode.reward
         gained = reward(self._info, info) if callable(reward) else info["newton_exponent"]

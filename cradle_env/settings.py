@@ -273,4 +273,6 @@ def as_numbers(action: Any) -> np.ndarray:
 
 
 def _is_range(value: Any) -> bool:
-    return isinstance(value, Sequence | np.ndarray) and not isinstance(value, str) and len(value) == 2
+    if isinstance(value, np.ndarray):
+        return value.shape == (2,)
+    return isinstance(value, Sequence) and not isinstance(value, str) and len(value) == 2

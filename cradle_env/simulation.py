@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -15,6 +16,7 @@ from cradle_env.effects.learned_force import has_dry_friction, learned_force
 from cradle_env.errors import check_range
 from cradle_env.mechanics import events, restitution, start
 from cradle_env.mechanics import parameters as p
+from cradle_env.mechanics.forces import FRICTION_SMOOTHING
 from cradle_env.trajectory import IMPACT, Trajectory
 
 # Integration step as a fraction of 1/ω of the faster motion: 1e-10 rad over 10 s on elastic strings, see
@@ -22,14 +24,19 @@ from cradle_env.trajectory import IMPACT, Trajectory
 _RADIAL_STEP, _ANGULAR_STEP = 0.45, 0.2
 # Dry friction changes sign within a hundredth of a period.
 _FRICTION_STEP = 0.05
+# Drag, friction or attraction that act faster than this many times ω of the swing are those of no cradle.
+_STIFFEST = 1e4
 # Part of the time scale of a contact that is followed in time, which lasts 3.2 of them.
 _CONTACT_STEP = 1.0 / 16.0
+# What may multiply the steps.
+_FACTORS = (1e-3, 4.0)
 #: Samples of one run at most: with five bobs 1.6 GB, and as much again and more for the ledger.
 _MOST_SAMPLES = 1e7
 #: What a status other than DONE means.
 EXHAUSTED = {
     events.STALLED: "more impacts at one instant than can be resolved",
     events.NOT_FINITE: "the motion left the range of numbers",
+    events.NO_REST: "no common rest was found of bobs that press so hard on each other; take fewer, or delta nearer 0",
 }
 
 
@@ -50,13 +57,14 @@ def simulate(
     """One run of a cradle.
 
     duration [s], sampled at sample_rate [1/s] from t = 0, or at `times` (T,) [s], ascending, from 0 on.
-    ledger: keep the energy ledger. step_factor, up to 4, multiplies the integration step in flight (order 8: errors
+    What comes back is the true motion: effects that act on a measurement are in readings of it alone.
+    ledger: keep the energy ledger. step_factor, 0.001 to 4, multiplies the integration step in flight (order 8: errors
     grow by its 8th power), and those in contacts which are followed in time (1e-6 to 1e-5 rad at any step, by the first
     touch) and between bobs that act on each other at a distance. Raises ValueError for impossible input,
     SimulationError if the run cannot be carried to its end.
     """
-    wanted = _times(duration, sample_rate) if times is None else _checked_times(times)
-    return _run(cradle, release, wanted, ledger, check_range("step_factor", step_factor, "", 0.0, above=True))
+    wanted = sample_times(duration, sample_rate) if times is None else _checked_times(times)
+    return _run(cradle, release, wanted, ledger, check_range("step_factor", step_factor, "", *_FACTORS))
 
 
 def simulate_batch(
@@ -80,8 +88,8 @@ def simulate_batch(
     starts = [releases] * count if isinstance(releases, Release | InitialState) else list(releases)
     if len(many) != len(starts):
         raise ValueError(f"{len(many)} cradles and {len(starts)} releases; give as many, or one of either")
-    check_range("step_factor", step_factor, "", 0.0, above=True)
-    wanted = _times(duration, sample_rate) if times is None else _checked_times(times)
+    check_range("step_factor", step_factor, "", *_FACTORS)
+    wanted = sample_times(duration, sample_rate) if times is None else _checked_times(times)
     pairs = list(zip(many, starts, strict=True))
     return in_threads(lambda pair: _run(pair[0], pair[1], wanted, ledger, step_factor), pairs, workers)
 
@@ -102,7 +110,8 @@ def in_threads(function: Callable, items: Sequence, workers: int | None = None) 
         return list(pool.map(function, items))
 
 
-def _times(duration: float, sample_rate: float) -> np.ndarray:
+def sample_times(duration: float, sample_rate: float) -> np.ndarray:
+    """Instants [s] of the samples of a run; ValueError where they are too many."""
     check_range("duration", duration, "s", 0.0, above=True)
     check_range("sample_rate", sample_rate, "1/s", 0.0, above=True)
     samples = check_range(
@@ -152,11 +161,31 @@ def records(cradle: Cradle, step_factor: float = 1.0) -> tuple[np.ndarray, np.nd
         step = min(step, _RADIAL_STEP * np.sqrt(c["frame_mass"][0] / c["frame_stiffness"][0]))
     if bobs["tau_c"].any() or has_dry_friction(cradle.effects.get(learned_force.name, {})):
         step = min(step, _FRICTION_STEP / angular)
+    if (rate := _stiffest(c[0], bobs, angular)) > 0.0:
+        step = min(step, _RADIAL_STEP / rate)
     c["step"], c["contact_step"] = step * step_factor, _CONTACT_STEP * step_factor
     c["reach"] *= step_factor
     if (scale := c["contact_scale"][0]) > 0.0:
         c["contact_k_el"], c["contact_k_f"] = c["k_el"] * scale**-2.5, c["k_f"] * scale**-1.5
     return c, bobs
+
+
+def _stiffest(c: np.void, bobs: np.ndarray, angular: float) -> float:
+    """The rate [1/s] of the fastest of drag, friction near rest and attraction; `angular` [1/s] is the swing's ω."""
+    rates = {
+        "b": np.max(bobs["b"] * bobs["mobility"]) * (1.0 + 2.0 * c["drag_slope"]),
+        "pivot_friction: tau_c": np.max(bobs["tau_c"] * bobs["mobility"] / bobs["length"] ** 2) / FRICTION_SMOOTHING,
+    }
+    if c["attraction"] > 0.0:
+        stiffness = 2.0 * c["attraction"] / c["attraction_range"]
+        rates["bob_attraction: force"] = np.sqrt(stiffness * np.max(bobs["mobility"]))
+    name, rate = max(rates.items(), key=lambda item: item[1])
+    if rate > _STIFFEST * angular:
+        raise ValueError(
+            f"{name} acts on a bob within {1.0 / rate:.2g} s; it must take {1.0 / (_STIFFEST * angular):.2g} s or more,"
+            " so make it weaker, or the bob heavier"
+        )
+    return rate
 
 
 def _write_user_forces(c: np.ndarray, bobs: np.ndarray, forces: list[tuple[Effect, dict[str, float]]]) -> None:
@@ -177,28 +206,36 @@ def prepare(cradle: Cradle, release: Release | InitialState, step_factor: float 
     S, W = np.zeros((cradle.bobs, p.COLUMNS)), np.zeros((cradle.bobs, p.SCRATCH))
     if isinstance(release, Release):
         overlap = start.at_rest(c[0], bobs, release.angles_of(cradle), release.start == "hanging", S, W)
-        if overlap > 1e-6:
-            raise ValueError(
-                f"bobs overlap by {overlap:.2g} m at the release; lift the end bobs, outwards (angles are positive "
-                "towards the last bob), or increase delta"
-            )
+        check_rest(cradle, overlap)
+        remedy = "lift the end bobs, outwards (angles are positive towards the last bob), or increase delta"
     else:
         theta, theta_dot, r, r_dot, ratio = _initial_arrays(cradle, release)
-        start.moving(c[0], bobs, theta, theta_dot, r, r_dot, ratio, S, W)
+        overlap = start.moving(c[0], bobs, theta, theta_dot, r, r_dot, ratio, S, W)
+        remedy = "give angles at which they hang side by side"
+    if overlap > 1e-6:
+        raise ValueError(f"bobs overlap by {overlap:.2g} m at the release; {remedy}")
     return c, bobs, S, W
+
+
+# What an initial state can be: nothing is nearer its pivot, and no string pulls more than on its virgin line, but for
+# rounding.
+_POSSIBLE = {"r": (1e-9, np.inf), "tension_ratio": (0.0, 1.0 + 1e-9)}
 
 
 def _initial_arrays(cradle: Cradle, state: InitialState) -> list[np.ndarray]:
     """theta, theta_dot, r (nan: hanging), r_dot, tension ratio, each (N,)."""
-    defaults = (state.theta, state.theta_dot, np.nan, 0.0, 1.0)
+    defaults = (None, None, np.nan, 0.0, 1.0)
     given = (state.theta, state.theta_dot, state.r, state.r_dot, state.tension_ratio)
     arrays = []
     for name, value, default in zip(
         ("theta", "theta_dot", "r", "r_dot", "tension_ratio"), given, defaults, strict=True
     ):
         array = np.asarray(default if value is None else value, dtype=float)
-        if value is not None and (array.shape != (cradle.bobs,) or not np.all(np.isfinite(array))):
+        if (value is not None or default is None) and (array.shape != (cradle.bobs,) or not np.all(np.isfinite(array))):
             raise ValueError(f"initial {name} must be {cradle.bobs} finite numbers, one per bob")
+        low, high = _POSSIBLE.get(name, (-np.inf, np.inf))
+        for number in () if value is None else array:
+            check_range(f"initial {name}", number, "m" if name == "r" else "", low, high)
         arrays.append(np.ascontiguousarray(np.broadcast_to(array, cradle.bobs)))
     return arrays
 
@@ -232,11 +269,27 @@ def impact_rows(impacts: np.ndarray) -> np.ndarray:
     return rows
 
 
+def check_rest(cradle: Cradle, found: float) -> None:
+    """ValueError unless what the search for the bobs' rest has returned is finite."""
+    if not np.isfinite(found):
+        raise ValueError(f"bobs is {cradle.bobs} at delta {np.min(cradle.delta):g}: {EXHAUSTED[events.NO_REST]}")
+
+
+def raised(cradle: Cradle, release: Release) -> Release:
+    """The release of the last bobs at its angle, or at the least beyond it where they clear those that hang."""
+    c, bobs = records(cradle)
+    S, W = np.zeros((cradle.bobs, p.COLUMNS)), np.zeros((cradle.bobs, p.SCRATCH))
+    scratch = np.zeros(cradle.bobs)
+    angle = start.lift(c[0], bobs, release.bobs, release.angle, release.start == "hanging", S, W, scratch)
+    check_rest(cradle, angle)
+    return dataclasses.replace(release, angle=angle)
+
+
 def equilibrium(cradle: Cradle) -> tuple[np.ndarray, np.ndarray]:
     """(theta [rad], r [m]) of each bob at rest, none lifted, its strings on the virgin loading line; both (N,)."""
     c, bobs = records(cradle)
     S, W = np.zeros((cradle.bobs, p.COLUMNS)), np.zeros((cradle.bobs, p.SCRATCH))
-    start.at_rest(c[0], bobs, np.full(cradle.bobs, np.nan), False, S, W)
+    check_rest(cradle, start.at_rest(c[0], bobs, np.full(cradle.bobs, np.nan), False, S, W))
     x, z = S[:, p.START] - bobs["pivot"], S[:, p.START + 1]
     if not c["elastic"][0]:
         return S[:, p.START].copy(), bobs["length"].copy()

@@ -25,13 +25,19 @@ def sigma(t: np.ndarray, theta_n: np.ndarray, theta0: float | np.ndarray, period
     step = (t[-1] - t[0]) / (len(t) - 1)
     if not np.allclose(np.diff(t), step, rtol=1e-6):
         raise ValueError("σ needs evenly spaced times; sample with sample_rate")
-    half = round(0.5 * ENVELOPE_PERIODS * period / step)
-    if half < 8:
-        raise ValueError(f"samples every {step:g} s are too sparse for the envelopes of a {period:g} s swing")
+    half = half_window(period, step)
     upper = maximum_filter1d(theta_n, 2 * half + 1, axis=-1, mode="nearest")
     lower = minimum_filter1d(theta_n, 2 * half + 1, axis=-1, mode="nearest")
     lifted = np.where(np.asarray(theta0) == 0.0, np.nan, theta0)
     return np.abs(upper + lower) / lifted[..., None]
+
+
+def half_window(period: float, step: float) -> int:
+    """Half the envelopes' window in samples that are `step` [s] apart; ValueError where these are too few."""
+    half = round(0.5 * ENVELOPE_PERIODS * period / step)
+    if half < 8:
+        raise ValueError(f"samples every {step:g} s are too sparse for the envelopes of a {period:g} s swing")
+    return half
 
 
 def window_of(t: np.ndarray) -> list[float]:

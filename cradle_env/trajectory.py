@@ -62,16 +62,26 @@ class Trajectory:
         return end, float(peaks[end])
 
     def sigma(self) -> np.ndarray:
-        """σ(t), shape (T,); see `synchronization.sigma`."""
+        """σ(t), shape (T,), nan of bobs with nothing to synchronize with; see `synchronization.sigma`."""
         end, theta0 = self.lead()
-        return sigma(self.t, self.theta[:, end], theta0, self.cradle.period)
+        return sigma(self.t, self.theta[:, end], theta0 if self._synchronizes() else np.nan, self.cradle.period)
+
+    def _synchronizes(self) -> bool:
+        """Whether the bobs have something to synchronize with, see `Release.check_synchronizes`."""
+        if not isinstance(self.release, Release):
+            return self.cradle.bobs > 1
+        try:
+            self.release.check_synchronizes(self.cradle)
+        except ValueError:
+            return False
+        return True
 
     def newton_exponent(self, window: tuple[float, float] = WINDOW) -> float:
-        """λ [1/s] over a window of time [s]; see `synchronization.newton_exponent`."""
+        """λ [1/s] over a window of time [s], nan where σ is; see `synchronization.newton_exponent`."""
         return float(newton_exponent(self.t, self.sigma(), window))
 
     def x(self) -> np.ndarray:
-        """Horizontal position of each bob [m], shape (T, N)."""
+        """Horizontal position of each bob [m], shape (T, N), on a frame that moves relative to it."""
         along = np.sin(self.theta) if self.cradle.has("large_angle") else self.theta
         return self.cradle.pivots + self.r * along
 

@@ -14,7 +14,8 @@ from cradle_env.trajectory import IMPACT
 
 
 class View:
-    """Draws episode k of `episodes` as `mode` says: "human", "rgb_array" or "ansi"."""
+    """Draws episode k of `episodes` as `mode` says: "human", "rgb_array" or "ansi". Pivots are drawn where the spacer
+    holds them, bobs where they are, also where the frame moves."""
 
     def __init__(self, mode: str, fps: float, settings: Settings) -> None:
         self.mode = mode

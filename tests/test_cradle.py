@@ -4,13 +4,20 @@ import copy
 import dataclasses
 import math
 import pickle
+import subprocess
+import sys
+import threading
 
+import gymnasium
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cradle_env import Cradle, InitialState, Release, Trajectory, simulate, simulate_batch
+from cradle_env.mechanics import events, restitution
+from cradle_env.mechanics.parameters import T0, T1
+from cradle_env.simulation import SimulationError, prepare
 
 RELEASE = Release(angle=0.228)
 
@@ -42,6 +49,10 @@ def same(one: Trajectory, other: Trajectory) -> bool:
         ({"radius": 0}, "radius is 0 m"),
         ({"gravity": 0}, "gravity is 0 m/s"),
         ({"youngs_modulus": 0}, "youngs_modulus is 0 Pa"),
+        ({"youngs_modulus": 1e-100}, "youngs_modulus is 1e-100 Pa; it must be at least 1 Pa"),
+        ({"youngs_modulus": 1e100}, "youngs_modulus is 1e.100 Pa; it must be at least 1 and at most 1e.18 Pa"),
+        ({"model": None}, "unknown model None; known: ho, nsp, pendulum"),
+        ({"power_law": np.array(0.3)}, "power_law is array.*; it must be the pair"),
         ({"poisson_ratio": 0.6}, "poisson_ratio is 0.6; it must be greater than -1 and at most 0.5"),
         ({"pivot_half_spacing": -0.1}, "pivot_half_spacing is -0.1 m; it must be at least 0"),
         ({"k_f": -1}, "k_f is -1 N s/m"),
@@ -73,11 +84,15 @@ def test_impossible_cradles_are_refused(fields: dict, message: str) -> None:
     [
         ({}, "either angle"),
         ({"angle": 0.1, "angles": {1: 0.1}}, "either angle"),
-        ({"angles": {}}, "angles is empty"),
+        ({"angles": {}}, "angles is {}; give"),
         ({"angle": 4.0}, "release angle is 4 rad; it must be at least -3.14159 and at most 3.14159 rad"),
         ({"angle": math.nan}, "release angle is nan rad"),
         ({"angles": {2: "high"}}, "release angle of bob 2 is 'high'"),
         ({"angle": 0.1, "bobs": 0}, "release bobs is 0"),
+        ({"angles": {1.7: 0.2}}, "release bob is 1.7; it must be a whole number"),
+        ({"angles": {"last": 0.2}}, "release bob is 'last', which is not a number"),
+        ({"angles": {5: 0.2}, "bobs": 3}, "release bobs is 3; angles names the bobs, so leave it out"),
+        ({"angles": [(1, 0.2)]}, r"angles is \[\(1, 0.2\)\]; give {bob: angle}"),
         ({"angle": 0.1, "bobs": 1.5}, "release bobs is 1.5"),
         ({"angle": 0.1, "start": "taut"}, "start is 'taut'; it must be 'unstretched' or 'hanging'"),
     ],
@@ -85,6 +100,32 @@ def test_impossible_cradles_are_refused(fields: dict, message: str) -> None:
 def test_impossible_releases_are_refused(fields: dict, message: str) -> None:
     with pytest.raises(ValueError, match=message):
         Release(**fields)
+
+
+def test_a_start_from_which_bobs_cannot_be_spread_is_refused() -> None:
+    """Those that overlap a little are spread; on strings of 1 mm, 20 mm apart, they cannot be."""
+    simulate(Cradle(bobs=3), InitialState(np.array([0.0, -0.01, 0.0]), np.zeros(3)), 0.1)
+    with pytest.raises(ValueError, match=r"bobs overlap by 0.02. m at the release; give angles"):
+        simulate(Cradle(bobs=2, delta=-0.5), InitialState(np.zeros(2), np.zeros(2), r=np.full(2, 1e-3)), 0.1)
+
+
+@pytest.mark.parametrize(("bobs", "delta"), [(100, -0.02), (200, -0.05)])
+def test_bobs_pressed_so_hard_that_no_rest_is_found(bobs: int, delta: float) -> None:
+    """They were let go from places where they had passed through each other."""
+    with pytest.raises(ValueError, match=f"bobs is {bobs} at delta {delta}: no common rest was found"):
+        simulate(Cradle(bobs=bobs, delta=delta), Release(angle=1.2), 0.1)
+    env = gymnasium.make("NewtonCradle-v0", bobs=bobs, delta_range=(-0.05, 0.1), actions=("delta",))
+    env.reset()
+    with pytest.raises(SimulationError, match="no common rest"):
+        env.step(np.full(1, -1.0))
+    with pytest.raises(ValueError, match="no common rest"):
+        env.reset(options={"delta": delta})
+
+
+def test_ninety_bobs_pressed_together() -> None:
+    run = simulate(Cradle(bobs=90, delta=-0.02), Release(angle=1.2), times=np.array([0.0, 0.1]))
+    assert run.theta[0, 0] == pytest.approx(-44 * 0.0008 / 0.3, rel=0.02)
+    np.testing.assert_allclose(run.gaps()[:, :88], 0.0, rtol=0, atol=1e-12)
 
 
 @pytest.mark.parametrize(
@@ -98,6 +139,11 @@ def test_impossible_releases_are_refused(fields: dict, message: str) -> None:
         (InitialState(theta=np.zeros(2), theta_dot=np.zeros(3)), "initial theta must be 3 finite numbers"),
         (InitialState(theta=np.zeros(3), theta_dot=np.full(3, np.nan)), "initial theta_dot"),
         (InitialState(theta=np.zeros(3), theta_dot=np.zeros(3), r=np.ones(4)), "initial r must"),
+        (InitialState(theta=None, theta_dot=np.zeros(3)), "initial theta must be 3 finite numbers"),
+        (InitialState(np.zeros(3), np.zeros(3), r=np.array([0.3, 0.0, 0.3])), "initial r is 0 m; it must be at least"),
+        (InitialState(np.zeros(3), np.zeros(3), r=np.full(3, -0.3)), "initial r is -0.3 m"),
+        (InitialState(np.zeros(3), np.zeros(3), tension_ratio=np.full(3, -5.0)), "initial tension_ratio is -5"),
+        (InitialState(np.zeros(3), np.zeros(3), tension_ratio=np.full(3, 2.0)), "at least 0 and at most 1"),
     ],
 )
 def test_impossible_starts_are_refused(release: Release | InitialState, message: str) -> None:
@@ -115,6 +161,7 @@ def test_impossible_starts_are_refused(release: Release | InitialState, message:
         ({"times": np.array([0.0, np.nan])}, "finite"),
         ({"times": np.array([])}, "not empty"),
         ({"step_factor": 0.0}, "step_factor is 0"),
+        ({"step_factor": 20.0}, "step_factor is 20; it must be at least 0.001 and at most 4"),
         ({"duration": 1e300, "sample_rate": 1e3}, "a run is held in memory"),
     ],
 )
@@ -294,6 +341,32 @@ def test_a_state_goes_on() -> None:
     assert np.abs(forgotten.r - fall.r[k:]).max() > 1e-4
 
 
+def test_impacts_hours_after_the_release() -> None:
+    """Once neighbouring numbers are 2 ps apart, the instant of an impact is as exact as it can be."""
+    cradle = Cradle(bobs=2, model="ho")
+    times = np.linspace(0.0, 2.0, 100)
+    runs: list[np.ndarray] = []
+
+    def run(t0: float) -> None:
+        c, bobs, S, W = prepare(cradle, RELEASE)
+        S[:, [T0, T1]] = t0
+        motion, impacts = np.empty((len(times), 2, 4)), np.empty((256, 4))
+        table = restitution.universal_curves()
+        _, count = events.run(c[0], bobs, table, S, W, t0 + 2.0, t0 + times, motion, np.empty((0, 2, 7)), impacts, 0)
+        runs.extend((motion[:, :, 0], impacts[:count, 0] - t0))
+
+    for t0 in (0.0, 9000.0, 1e7):
+        worker = threading.Thread(target=run, args=(t0,), daemon=True)  # it went on for ever
+        worker.start()
+        worker.join(60.0)
+        assert not worker.is_alive()
+    theta, touched, *later = runs
+    assert len(touched) == 4
+    np.testing.assert_allclose(later[0], theta, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(later[1], touched, rtol=0, atol=1e-10)
+    np.testing.assert_allclose(later[2], theta, rtol=0, atol=1e-6)
+
+
 # --- symmetry, determinism, batches -----------------------------------------------------------------------------
 
 
@@ -369,6 +442,25 @@ def test_a_batch_is_single_runs_bit_for_bit(workers: int | None) -> None:
         assert same(run, simulate(cradle, release, 5.0))
 
 
+def test_threads_find_the_curves_complete() -> None:
+    """The first impacts of a process, in several threads at a time, have the restitution of the later ones."""
+    code = """
+import threading
+from cradle_env.mechanics.restitution import universal_curves
+ready, tables = threading.Barrier(4), []
+def look():
+    ready.wait()
+    tables.append(universal_curves().copy())
+threads = [threading.Thread(target=look) for _ in range(4)]
+for thread in threads:
+    thread.start()
+for thread in threads:
+    thread.join()
+assert all((table == universal_curves()).all() for table in tables)
+"""
+    subprocess.run([sys.executable, "-c", code], check=True, timeout=120)
+
+
 def test_one_cradle_or_one_release_serves_all() -> None:
     releases = [RELEASE, Release(angle=0.1)]
     for run, release in zip(simulate_batch(Cradle(bobs=2), releases, 1.0), releases, strict=True):
@@ -394,3 +486,19 @@ def test_one_bob_hits_nothing() -> None:
     run = simulate(Cradle(bobs=1), RELEASE, 10.0)
     assert len(run.impacts) == 0
     assert run.gaps().shape == (2401, 0)
+
+
+@pytest.mark.parametrize(
+    ("bobs", "beginning"),
+    [
+        (1, RELEASE),
+        (1, InitialState(np.full(1, 0.2), np.zeros(1))),
+        (2, Release(angle=0.2, bobs=2)),
+        (2, Release(angle=0.0)),
+    ],
+    ids=["one bob", "one bob in motion", "all lifted", "none lifted"],
+)
+def test_nothing_to_synchronize_with(bobs: int, beginning: Release | InitialState) -> None:
+    run = simulate(Cradle(bobs=bobs), beginning, 3.0)
+    assert np.isnan(run.sigma()).all() and run.sigma().shape == run.t.shape
+    assert np.isnan(run.newton_exponent())

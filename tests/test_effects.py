@@ -4,7 +4,9 @@ outside."""
 import dataclasses
 import importlib
 import math
+import threading
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
@@ -12,6 +14,7 @@ from scipy.integrate import solve_ivp
 
 from cradle_env import CATALOGUE, MODELS, Cradle, Effect, Parameter, Release, register, restitution_curve, simulate
 from cradle_env import effects as effects_module
+from cradle_env.mechanics.outside import compiled
 from identification.bench import scipy_peer
 from tests.independent.soft_contact import SoftCradle, simulate_soft
 
@@ -370,6 +373,18 @@ def test_absent_force_from_outside_is_the_base_bit_for_bit() -> None:
     effect = register(outside("cubic_drag", cubic_drag, "c3"))
     runs = [simulate(Cradle(bobs=3, effects=e), RELEASE, 5.0) for e in ({}, {"cubic_drag": effect.absent_values()})]
     np.testing.assert_array_equal(runs[0].theta, runs[1].theta)
+
+
+def test_threads_share_one_compiled_force() -> None:
+    """Another, once dropped, would take its machine code with it while a run calls it by its address."""
+    ready = threading.Barrier(4)
+
+    def compile_it(_: int):
+        ready.wait()
+        return compiled(((cubic_drag, 1),))
+
+    with ThreadPoolExecutor(4) as pool:
+        assert len(set(map(id, pool.map(compile_it, range(4))))) == 1
 
 
 @pytest.mark.usefixtures("own_catalogue")

@@ -144,3 +144,39 @@ def test_leaning_equilibrium(strings: str) -> None:
     state = simulate_soft(soft, {6: 0.3}, times=np.array([0.0]))
     np.testing.assert_allclose(run.theta, state.theta, rtol=0, atol=1e-12)
     np.testing.assert_allclose(run.r, state.r, rtol=0, atol=1e-12)
+
+
+def test_slack_strings_hold_nothing() -> None:
+    """A bob let go 5 mm above the length of its strings."""
+    run = simulate(Cradle(bobs=1), InitialState(np.zeros(1), np.zeros(1), r=np.full(1, 0.295)), 1.0)
+    energy = run.energy()
+    assert energy.strings[0] == 0.0
+    np.testing.assert_allclose(energy.total, energy.total[0], rtol=0, atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("fields", "tolerance"),
+    [
+        ({"b": 100.0}, 1e-8),
+        ({"b": 1000.0}, 1e-8),
+        ({"effects": {"pivot_friction": {"tau_c": 1.0}}}, 1e-8),
+        ({"b": 1.0, "effects": {"group_drag": {"slope": 20.0, "range": 0.1}}}, 1e-6),
+        ({"effects": {"bob_attraction": {"force": 10.0, "range": 0.05}}}, 3e-3),  # single instants, interpolated
+    ],
+    ids=["drag", "more drag", "friction", "drag of a group", "attraction"],
+)
+@pytest.mark.parametrize("model", ["ho", "pendulum", "nsp"])
+def test_the_strongest_of_what_may_be_declared(fields: dict, tolerance: float, model: str) -> None:
+    """Steps follow what is stiffer than the swing: the ledger closes, the motion is that of steps a quarter as long."""
+    cradle = Cradle(bobs=2, model=model, **fields)
+    run, fine = (simulate(cradle, RELEASE, 3.0, step_factor=factor) for factor in (1.0, 0.25))
+    np.testing.assert_allclose(run.energy().total, run.energy().total[0], rtol=0, atol=tolerance)
+    np.testing.assert_allclose(run.theta, fine.theta, rtol=0, atol=1e-4)  # it was 3 mrad and more
+
+
+def test_what_is_stiffer_than_any_cradle_is_refused() -> None:
+    with pytest.raises(ValueError, match=r"b acts on a bob within 2.8e-06 s; it must take 1.7e-05 s or more"):
+        simulate(Cradle(bobs=1, b=1e5), RELEASE, 1.0)
+    friction = {"pivot_friction": {"tau_c": 1.0}}
+    with pytest.raises(ValueError, match="pivot_friction: tau_c acts on a bob within"):
+        simulate(Cradle(bobs=1, mass=1e-3, effects=friction), RELEASE, 1.0)

@@ -23,6 +23,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import cradle_env
+from cradle_env import episodes
 from cradle_env.effects import Effect, Parameter, register
 from cradle_env.env import NewtonCradleEnv
 from cradle_env.mechanics import parameters as p
@@ -790,9 +791,37 @@ REFUSED = [
 
 @pytest.mark.parametrize(("told", "kind", "message"), REFUSED, ids=[repr(told)[1:50] for told, _, _ in REFUSED])
 def test_settings_are_refused_by_name(told: dict, kind: type, message: str) -> None:
-    for env in (NewtonCradleEnv, NewtonCradleReleaseEnv):
+    with pytest.raises(kind, match=message):
+        NewtonCradleEnv(**told)
+    if not {"spacer_speed", "control_interval", "synchronized_at"} & {*told}:
         with pytest.raises(kind, match=message):
-            env(**told)
+            NewtonCradleReleaseEnv(**told)
+
+
+@pytest.mark.parametrize(
+    ("told", "kind", "message"),
+    [
+        ({"control_interval": 5.0}, TypeError, "control_interval is a setting of NewtonCradle-v0; .* leave it out"),
+        ({"spacer_speed": 1e-9}, TypeError, "spacer_speed is a setting of NewtonCradle-v0"),
+        ({"synchronized_at": 0.9}, TypeError, "synchronized_at is a setting of NewtonCradle-v0"),
+        ({"duration": 1e6}, ValueError, r"duration times sample_rate is 2.4e\+08; it must be at most 1e\+07"),
+        (
+            {"length": 5e-4},
+            ValueError,
+            "samples every 0.00416667 s are too sparse for .* a 0.04.* s swing",
+        ),
+        ({"length": (5e-4, 0.3)}, ValueError, "too sparse"),
+    ],
+)
+def test_the_release_refuses_what_it_cannot_do(told: dict, kind: type, message: str) -> None:
+    with pytest.raises(kind, match=message):
+        NewtonCradleReleaseEnv(**told)
+
+
+def test_numbers_as_arrays_without_a_dimension() -> None:
+    settings = NewtonCradleEnv(k_f=np.array(17000.0), delta=np.array(0.01), release_angle=np.array(0.2)).settings
+    cradle, angle = settings.drawn(np.random.default_rng(0))
+    assert (cradle.k_f, cradle.delta, angle) == (17000.0, 0.01, 0.2)
 
 
 @pytest.mark.parametrize(
@@ -967,6 +996,38 @@ def test_what_is_no_posterior_is_refused(tmp_path: Path) -> None:
     for path in (text, tmp_path):
         with pytest.raises(ValueError, match=r"is no posterior of a calibration; name the posterior\.nc"):
             NewtonCradleEnv().reset(options={"posterior": path})
+
+
+@pytest.mark.parametrize("most", [2000, 5])
+def test_impacts_of_a_long_interval(most: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """All of them, in order; or the first, where there are more than are kept."""
+    monkeypatch.setattr(episodes, "_MOST_IMPACTS", most)
+    env = NewtonCradleEnv(bobs=5, control_interval=10.0, synchronized_at=1e-6)
+    env.reset()
+    taken = 0.0
+    for _ in range(3):
+        info = env.step(NOTHING)[4]
+        impacts = env.impacts
+        assert len(impacts) == min(info["impacts"], 5 * most) and info["impacts"] > 96
+        assert np.all(np.diff(impacts["time"]) >= 0.0)
+        assert info["time"] - 10.0 <= impacts["time"][0] and impacts["time"][-1] <= info["time"]
+        if most == 2000:
+            assert impacts["loss"].sum() == pytest.approx(info["collisions"] - taken, rel=1e-9)
+        taken = info["collisions"]
+
+
+@pytest.mark.parametrize("told", [{"bobs": 1}, {"bobs": 2, "released_bobs": 2, "delta": -0.01}])
+def test_bobs_with_nothing_to_synchronize_with(told: dict) -> None:
+    """σ is 1 and λ unknown to the end: the episode never ends as synchronized, nor is it rewarded for that."""
+    env = NewtonCradleEnv(**told, actions=("delta",), duration=5.0)
+    env.reset()
+    gained, over, truncated = 0.0, False, False
+    while not (over or truncated):
+        _, reward, over, truncated, info = env.step(np.zeros(1))
+        gained += reward
+    assert truncated and not over
+    assert (info["sigma"], info["newton_exponent"]) == (1.0, 0.0)
+    assert gained == pytest.approx(-1.0)
 
 
 def test_bobs_dragged_to_a_halt_against_each_other_do_not_hang() -> None:

@@ -124,6 +124,16 @@ def test_impacts_depart_by_the_formula() -> None:
     np.testing.assert_allclose(restitution_curve(cradle, impacts["speed"]), wanted, rtol=0, atol=1e-12)
 
 
+@pytest.mark.parametrize("departure", [{}, {"level": -0.3}, {"level": 0.01, "slope": -0.2}])
+def test_impacts_that_are_followed_in_time_depart_as_well(departure: dict) -> None:
+    """The energy that the first contact takes, of two bobs and of a touching row, is that of instantaneous impacts."""
+    for bobs, delta in ((2, 0.0), (3, 0.0)):
+        cradle = Cradle(bobs=bobs, delta=delta, model="pendulum", b=0.0, effects=law("learned_impact", **departure))
+        followed = cradle.replace(effects={**cradle.effects, "contact_duration": {"scale": 0.01}})
+        taken = [simulate(c, RELEASE, times=np.array([0.0, 0.4])).energy().impacts[-1] for c in (cradle, followed)]
+        assert taken[1] == pytest.approx(taken[0], rel=1e-3)
+
+
 @pytest.mark.parametrize(
     "chosen",
     [

@@ -200,9 +200,33 @@ def test_release_never_presses_on_neighbours() -> None:
     env = environment(bobs=5, delta=-0.05, delta_range=(-0.05, 0.1), release_angle_range=(1e-6, 0.5), start="hanging")
     env.reset()
     _, _, _, _, info = env.step(np.array([0.0, -1.0]))
-    # Two gaps of 2 mm over 0.3 m, to the square of the lean; the release begins where the bobs hang.
-    assert info["release_angle"] == pytest.approx(2 * 0.002 / 0.3, rel=0.02)
+    # Four bobs lean out by one and a half gaps of 2 mm over 0.3 m, to the square of the lean; the fifth by one more.
+    assert info["release_angle"] == pytest.approx(2.5 * 0.002 / 0.3, rel=0.02)
     assert info["kinetic"] < 1e-4
+
+
+@pytest.mark.parametrize(
+    "told",
+    [
+        {"bobs": 40},  # the lowest that actions reach by default
+        {"bobs": 40, "model": "ho", "start": "hanging"},
+        {"bobs": 5, "delta_range": (-0.05, 0.1), "release_angle_range": (0.01, 0.5)},
+        {"bobs": 9, "delta_range": (-0.05, 0.1), "release_angle_range": (0.01, 0.5), "released_bobs": 4},
+    ],
+)
+def test_lifted_bobs_clear_those_that_hang(told: dict) -> None:
+    """In both environments alike, and no more than needed."""
+    env, lowest = environment(**told), np.full(2, -1.0)
+    env.reset(seed=0)
+    info = env.step(lowest)[4]
+    whole = gym.make("NewtonCradleRelease-v0", duration=2.0, **told)
+    whole.reset(seed=0)
+    after = whole.step(lowest)[4]
+    assert after["release_angle"] == pytest.approx(info["release_angle"], rel=1e-9) and info["release_angle"] < 0.06
+    bobs, start = told.get("released_bobs", 1), told.get("start", "unstretched")
+    release = Release(angle=info["release_angle"], bobs=bobs, start=start)
+    gaps = simulate(after["cradle"], release, times=np.zeros(1)).gaps()[0]
+    np.testing.assert_allclose(gaps, 0.0, rtol=0, atol=1e-12)
 
 
 @pytest.mark.parametrize(("kappa", "mass", "speed", "seed"), [(2e5, 0.2813, 0.01, 28), (2e5, 0.03, 0.1, 11)])
@@ -212,3 +236,16 @@ def test_stiff_strings_that_turn_at_almost_no_stretch(kappa: float, mass: float,
     actions = np.random.default_rng(seed).uniform(-1, 1, (300, 2))
     totals = [ledger(info) for _, info in driven(env, [np.zeros(2), *actions])]
     np.testing.assert_allclose(totals, totals[0], rtol=0, atol=1e-6)  # 4e-9 J were measured; it was 200 J
+
+
+@pytest.mark.parametrize("model", ["pendulum", "ho"])
+def test_a_spacer_that_starts_amid_a_contact(model: str) -> None:
+    """Rigid strings jerk by next to nothing 120 µs after the first touch, which lasts 150 µs: that changes nothing."""
+    followed = {"contact_duration": {"scale": 1.0}}
+    touch = simulate(Cradle(bobs=2, model=model, effects=followed), Release(angle=0.228), 0.5).impacts["time"][0]
+    env = environment(bobs=2, model=model, effects=followed, actions=("delta",), control_interval=touch + 120e-6)
+    (_, before), (at_rest, _) = driven(env, [np.zeros(1), np.zeros(1)])
+    _, (moved, after) = driven(env, [np.zeros(1), np.full(1, 1e-9)])
+    assert after["delta"] > 0.0
+    np.testing.assert_allclose(moved[2:4], at_rest[2:4], rtol=0, atol=1e-4)  # they turned over; 20 J
+    assert ledger(after) == pytest.approx(ledger(before), abs=1e-7)

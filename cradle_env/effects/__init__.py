@@ -95,7 +95,7 @@ def known_effects() -> tuple[Effect, ...]:
 
 def compose(base: str, changes: Iterable[str]) -> tuple[Effect, ...]:
     """The effects of a base model with more names added and "-name" taken out, in the order of the catalogue."""
-    if base not in MODELS:
+    if not isinstance(base, str) or base not in MODELS:
         raise ValueError(unknown_key("model", base, MODELS))
     names = set(MODELS[base])
     for change in changes:

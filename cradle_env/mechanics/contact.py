@@ -18,6 +18,7 @@ from cradle_env.mechanics.parameters import (
     CONTACT_LOSS,
     COORDINATES,
     DIAGONAL,
+    DISSIPATION,
     DRAG,
     FORCE,
     LINK,
@@ -197,11 +198,11 @@ def apply_chain(cradle, bobs, lo, hi, A, c, W, T, block, offset):
 
 
 @jit
-def kuwabara_kono(cradle, overlap, speed):
-    """Contact force [N] of eq. 1, of contacts that are followed in time."""
+def kuwabara_kono(cradle, k_f, overlap, speed):
+    """Contact force [N] of eq. 1 with this k_f, of contacts that are followed in time."""
     if overlap <= 0.0:
         return 0.0
-    return max(0.0, math.sqrt(overlap) * (cradle.contact_k_el * overlap + cradle.contact_k_f * speed))
+    return max(0.0, math.sqrt(overlap) * (cradle.contact_k_el * overlap + k_f * speed))
 
 
 @jit
@@ -225,7 +226,7 @@ def contact_forces(cradle, bobs, lo, hi, S, W, t, A, c, R, rate):
             pressed = True
         elif S[p, LINK] == RESOLVED:
             gap, nx, nz, v_n, _ = pair(cradle, bobs, p, t, A, c)
-            force = kuwabara_kono(cradle, -gap, -v_n)
+            force = kuwabara_kono(cradle, S[p, DISSIPATION], -gap, -v_n)
             push_apart(cradle, bobs, p, A, c, R, rate, VELOCITIES, nx, nz, force)
             R[p, rate + CONTACT_LOSS] = -force * v_n
             W[p, FORCE] = force

@@ -3,7 +3,7 @@
 import math
 
 from cradle_env.mechanics.contact import place
-from cradle_env.mechanics.events import DONE, FULL, NOT_FINITE, advance
+from cradle_env.mechanics.events import DONE, FULL, NO_REST, NOT_FINITE, advance
 from cradle_env.mechanics.jit import entry, jit
 from cradle_env.mechanics.ledger import book, motion_at
 from cradle_env.mechanics.motion import between, pivot_between
@@ -70,7 +70,8 @@ def _step(cradle, bobs, table, S, W, angles, episode, ring, action, times, motio
     target = meaning(episode.delta_range, action[episode.delta_column] if episode.delta_column >= 0 else 0.0)
     if episode.steps < 0:
         angle = meaning(episode.angle_range, action[episode.angle_column] if episode.angle_column >= 0 else 0.0)
-        let_go(cradle, bobs, S, W, angles, episode, ring, target, angle)
+        if not let_go(cradle, bobs, S, W, angles, episode, ring, target, angle):
+            return NO_REST
     start = episode.steps * episode.interval * cradle.step
     end = (episode.steps + 1) * episode.interval * cradle.step
     rows, count, fastest = 0, 0, 0.0
@@ -98,7 +99,8 @@ def _step(cradle, bobs, table, S, W, angles, episode, ring, action, times, motio
         )
         if status != DONE:
             return status
-        sample_sigma(cradle, bobs, S, episode, ring, t)
+        if episode.lifted < len(bobs):  # else there is nothing to synchronize with
+            sample_sigma(cradle, bobs, S, episode, ring, t)
     episode.delta = target if arrives else episode.delta + rate * (end - start)
     episode.steps += 1
 
@@ -114,22 +116,26 @@ def _step(cradle, bobs, table, S, W, angles, episode, ring, action, times, motio
 
 @jit
 def let_go(cradle, bobs, S, W, angles, episode, ring, delta, angle):
-    """Sets the spacer, lifts and releases."""
+    """Sets the spacer, lifts and releases. Returns whether the bobs can be at rest like that."""
     for i in range(len(bobs)):
         hold(cradle, bobs, i, delta)
         for c in range(COLUMNS):
             S[i, c] = 0.0
-    episode.angle = lift(cradle, bobs, episode.lifted, angle, episode.hanging != 0, S, W, angles)
+    angle = lift(cradle, bobs, episode.lifted, angle, episode.hanging != 0, S, W, angles)
+    if math.isnan(angle):
+        return False
+    episode.angle = angle
     episode.steps, episode.delta, episode.rate = 0, delta, 0.0
     ring[0] = episode.angle
     episode.taken = 1
     episode.highest, episode.highest_at, episode.lowest, episode.lowest_at = episode.angle, 0, episode.angle, 0
+    return True
 
 
 @jit
 def fly(cradle, bobs, table, S, W, episode, until, times, motion, impacts, rows, count, fastest):
     """Advances to `until` [s] and books the impacts: (status, rows of `impacts` in use, how many impacts, speed of
-    the fastest [m/s]). Where there are more than rows, these begin anew."""
+    the fastest [m/s]). Where there is no room for all, `impacts` keeps the first of them, but for one per bob."""
     while True:
         status, filled = advance(cradle, bobs, table, S, W, until, times, motion, motion, impacts, rows)
         for row in range(rows, filled):
@@ -139,7 +145,7 @@ def fly(cradle, bobs, table, S, W, episode, until, times, motion, impacts, rows,
         rows = filled
         if status != FULL:
             return status, rows, count, fastest
-        rows = 0
+        rows = len(impacts) - len(bobs)
 
 
 @jit
@@ -247,7 +253,7 @@ def observe(cradle, bobs, S, episode, out):
 def begin(cradles, bobs, S, W, angles, episodes, observations, report, k):
     """Holds the bobs of episode k, whose records are set, as they are before the release; and shows them.
 
-    They hang at rest, or are lifted already where the release angle is no action.
+    They hang at rest, or are lifted already where the release angle is no action. Returns whether they can.
     """
     delta = episodes[k].delta
     for i in range(bobs.shape[1]):
@@ -257,11 +263,14 @@ def begin(cradles, bobs, S, W, angles, episodes, observations, report, k):
     angle = meaning(episodes[k].angle_range, 0.0)
     lifted = episodes[k].lifted if episodes[k].angle_column < 0 else 0
     held = lift(cradles[k], bobs[k], lifted, angle, episodes[k].hanging != 0, S[k], W, angles)
+    if math.isnan(held):
+        return False
     for c in range(report.shape[1]):
         report[k, c] = 0.0
     report[k, 1], report[k, 2], report[k, 3] = episodes[k].delta, held, episodes[k].sigma
     energies(cradles[k], bobs[k], S[k], episodes[k], 0.0, report[k])
     observe(cradles[k], bobs[k], S[k], episodes[k], observations[k])
+    return True
 
 
 @entry

@@ -11,7 +11,7 @@ import numpy as np
 from cradle_env.mechanics.contact import pair
 from cradle_env.mechanics.flight import plan
 from cradle_env.mechanics.forces import radius_and_speed
-from cradle_env.mechanics.impact import chain, settle, settle_resolved, two_body
+from cradle_env.mechanics.impact import chain, follow, settle, settle_resolved, two_body
 from cradle_env.mechanics.jit import entry, jit, part
 from cradle_env.mechanics.ledger import book, string_work
 from cradle_env.mechanics.meeting import last_moment, linger, predict, step_to, touching
@@ -19,6 +19,7 @@ from cradle_env.mechanics.motion import between, derivative, free_derivative, pi
 from cradle_env.mechanics.parameters import (
     BRANCH,
     DIM,
+    DISSIPATION,
     DUE,
     END,
     EVENTS,
@@ -55,7 +56,7 @@ from cradle_env.mechanics.parameters import (
 from cradle_env.mechanics.strings import slacken, stretch, turn
 
 # What a run can end with.
-DONE, FULL, STALLED, NOT_FINITE = 0, 1, 2, 3
+DONE, FULL, STALLED, NOT_FINITE, NO_REST = 0, 1, 2, 3, 4
 # So many events without this much progress [s] are a stall.
 _STALL_EVENTS, _STALL_TIME = 2000, 1e-2
 _FIRST = np.int64(0)
@@ -107,6 +108,8 @@ def begin(cradle, bobs, S, W):
     """Lays the first segments from START at T0 and finds which contacts persist. Returns whether all is finite."""
     n = len(bobs)
     first = _FIRST
+    for i in range(n):
+        S[i, DISSIPATION] = cradle.contact_k_f
     free_derivative(cradle, bobs, S, W, first, n, S[0, T0], S, START, S, RATE0)
     settle(cradle, bobs, S, W, first, n)
     regroup(cradle, bobs, S, W, first, n)
@@ -268,8 +271,7 @@ def meet(cradle, bobs, table, S, W, p, times, motion, energy, impacts, count):
             rows += 1
     S[p, MULTI_BODY] += b - a > 2
     if cradle.contact_scale > 0.0:
-        for q in range(a, b - 1):
-            S[q, LINK] = RESOLVED
+        follow(cradle, bobs, table, S, a, b)
         regroup(cradle, bobs, S, W, lo, hi)
     else:
         if b - a == 2:

@@ -26,6 +26,8 @@ from cradle_env.mechanics.parameters import (
     CHAIN,
     CHAIN_D,
     CHAIN_U,
+    DISSIPATION,
+    KUWABARA_KONO,
     LINK,
     LOSS,
     N_X,
@@ -61,6 +63,8 @@ _E = np.array([71 / 57600, 0, -71 / 16695, 71 / 1920, -17253 / 339200, 22 / 525,
 _CHAIN_ERROR, _FINEST, _COARSEST = 1e-12, 1e-11, 1e-7
 # A contact followed in time may come to rest when its bounce, at this acceleration [m/s^2], would be least.
 _LEAST_PRESS = 1e-3
+# A contact followed in time departs from eq. 1 as an impact at this speed [m/s] at least: pressed bobs begin at rest.
+_LEAST_DEPARTURE = 1e-3
 # A chain is left to itself after this many times the time scale of a pair impact, which lasts 3.2 of them.
 _CHAIN_LIMIT = 300.0
 
@@ -75,6 +79,25 @@ def two_body(cradle, bobs, table, S, W, p):
     e = restitution(cradle, table, 1.0 / d, -v_n)
     push_apart(cradle, bobs, p, S, START, S, START, VELOCITIES, nx, nz, -(1.0 + e) * v_n / d)
     W[p, LOSS] = 0.5 * v_n * v_n * (1.0 - e * e) / d
+
+
+@jit
+def follow(cradle, bobs, table, S, lo, hi):
+    """Begins to follow in time the contacts of the bobs lo..hi-1, struck as one; those that it follows already go on.
+
+    Eq. 1 at the k_f of the cradle; where its law departs from that, at the one k_f that gives the fastest impact its e.
+    """
+    k_f = cradle.contact_k_f
+    if cradle.law != KUWABARA_KONO or cradle.departure_speed != 0.0:
+        v, m = _LEAST_DEPARTURE, 0.0
+        for p in range(lo, hi - 1):
+            _, nx, nz, v_n, _ = pair(cradle, bobs, p, S[p, T0], S, START)
+            if m == 0.0 or -v_n > v:
+                v, m = max(-v_n, v), 1.0 / yielding(cradle, bobs, p, S, START, nx, nz)
+        k_f = equivalent_dissipation(cradle, table, m, v) * cradle.contact_k_el**0.6 * m**0.4 * v**-0.2
+    for p in range(lo, hi - 1):
+        if S[p, LINK] != RESOLVED:
+            S[p, LINK], S[p, DISSIPATION] = RESOLVED, k_f
 
 
 @jit
@@ -202,15 +225,16 @@ def _press(cradle, bobs, S, W, lo, hi):
 def settle(cradle, bobs, S, W, lo, hi):
     """Makes persistent those contacts of the bobs lo..hi-1 which press and no longer bounce; changes START, LINK.
 
-    RATE0 holds the accelerations without contact forces. A contact persists if, with all that persist, its force
-    is positive and its bounce would stay below LEAST_BOUNCE; its opening speed goes to zero, and what that takes
-    [J] is added to W[p, LOSS]. Returns the number of new persistent contacts.
+    RATE0 holds the accelerations without the forces of persistent contacts, but with those of contacts that are
+    followed in time, which stay so. A contact persists if, with all that persist, its force is positive and its
+    bounce would stay below LEAST_BOUNCE; its opening speed goes to zero, and what that takes [J] is added to
+    W[p, LOSS]. Returns the number of new persistent contacts.
     """
     for p in range(lo, hi - 1):
         gap, nx, nz, v_n, spread = pair(cradle, bobs, p, S[p, T0], S, START)
         W[p, N_X], W[p, N_Z] = nx, nz
         W[p, WANTED] = -opening(cradle, bobs, p, S, START, S, RATE0, nx, nz, spread)
-        W[p, CANDIDATE] = gap <= TOUCHING or S[p, LINK] == PRESSED
+        W[p, CANDIDATE] = S[p, LINK] != RESOLVED and (gap <= TOUCHING or S[p, LINK] == PRESSED)
     while True:
         _press(cradle, bobs, S, W, lo, hi)
         dropped = False
@@ -226,7 +250,8 @@ def settle(cradle, bobs, S, W, lo, hi):
     for p in range(lo, hi - 1):
         pressed = pressed or W[p, ACTIVE] != 0.0
         made += W[p, ACTIVE] != 0.0 and S[p, LINK] != PRESSED
-        S[p, LINK] = PRESSED if W[p, ACTIVE] != 0.0 else OPEN
+        if S[p, LINK] != RESOLVED:
+            S[p, LINK] = PRESSED if W[p, ACTIVE] != 0.0 else OPEN
         W[p, WANTED] = -pair(cradle, bobs, p, S[p, T0], S, START)[3]
     if pressed:
         solve_chain(cradle, bobs, lo, hi, S, START, W)
@@ -253,6 +278,9 @@ def settle_resolved(cradle, bobs, S, W, lo, hi):
                 return False
     if not resolved:
         return False
+    for p in range(lo, hi - 1):
+        if S[p, LINK] == RESOLVED:
+            S[p, LINK] = OPEN
     free_derivative(cradle, bobs, S, W, lo, hi, S[lo, T0], S, START, S, RATE0)
     settle(cradle, bobs, S, W, lo, hi)
     for p in range(lo, hi - 1):

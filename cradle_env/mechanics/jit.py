@@ -5,9 +5,11 @@ folder is therefore named by a hash of all kernel sources, and only the kernels 
 they carry everything below them.
 """
 
+import functools
 import hashlib
 import os
 import tempfile
+import threading
 from pathlib import Path
 
 import numba
@@ -64,3 +66,15 @@ def entry(function):
         return numba.njit(cache=True, **_OPTIONS)(function)
     finally:
         numba.config.CACHE_DIR = previous
+
+
+def once(function):
+    """Keeps what a function returns; threads that ask for it at the same time wait for the first of them."""
+    kept, lock = functools.cache(function), threading.Lock()
+
+    @functools.wraps(function)
+    def waiting(*arguments):
+        with lock:
+            return kept(*arguments)
+
+    return waiting

@@ -14,6 +14,8 @@ _LEAST_APPROACH = 1e-12
 _LEAST_LOCATED = 1e-6
 # Nor is one that would be off by more than this [s].
 _LATEST = 1e-6
+# How well an instant is located [s], and in parts of it: after an hour or two, neighbouring numbers are further apart.
+_LOCATED, _NEIGHBOURS = 1e-12, 5e-16
 
 
 @jit
@@ -57,8 +59,9 @@ def predict(cradle, bobs, S, p):
 
 @part
 def turning_point(cradle, bobs, S, p, low, high, sign):
-    """The instant [s], to 1e-9, at which the opening speed of pair p takes on the given sign."""
-    while high - low > 1e-9:
+    """The instant [s], to 1e-9 or its last digit, at which the opening speed of pair p takes on the given sign."""
+    least = max(1e-9, _NEIGHBOURS * high)
+    while high - low > least:
         mid = 0.5 * (low + high)
         if sign * gap_between(cradle, bobs, S, p, mid)[1] > 0.0:
             high = mid
@@ -71,7 +74,7 @@ def turning_point(cradle, bobs, S, p, low, high, sign):
 def closing(cradle, bobs, S, p, low, high, depth):
     """The instant [s] at which the gap falls below -depth [m], above it at `low` and below it at `high`: Newton's
     method, and bisection whenever it leaves the bracket or fails to halve it."""
-    t = 0.5 * (low + high)
+    t, least = 0.5 * (low + high), max(_LOCATED, _NEIGHBOURS * high)
     while True:
         g, v = gap_between(cradle, bobs, S, p, t)
         g += depth
@@ -80,8 +83,8 @@ def closing(cradle, bobs, S, p, low, high, depth):
             low = t
         else:
             high = t
-        if abs(g) < 1e-14 or high - low < 1e-12:
-            return high if g > 0.0 and high - low < 1e-12 else t
+        if abs(g) < 1e-14 or high - low < least:
+            return high if g > 0.0 and high - low < least else t
         newton = t - g / v if v < 0.0 else low
         t = newton if low < newton < high and high - low < width else 0.5 * (low + high)
 

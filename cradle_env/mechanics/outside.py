@@ -1,11 +1,10 @@
 """Forces from outside the package, compiled to one function that the kernels call by its address."""
 
-import functools
-
 import numba
 from numba import carray
 
 from cradle_env.mechanics.forces import USER_SIGNATURE
+from cradle_env.mechanics.jit import once
 from cradle_env.mechanics.parameters import USER
 
 
@@ -26,9 +25,9 @@ def _nothing(t, r, theta, v_r, v_theta, parameters):
     return 0.0, 0.0
 
 
-@functools.cache
+@once
 def compiled(forces):
-    """The compiled sum of ((force, number of parameters), ...); keep it alive while its address is in use."""
+    """The compiled sum of ((force, number of parameters), ...), kept alive, for its address is in use."""
     total, offset = _nothing, 0
     for force, count in forces:
         total = _sum_of(numba.njit(force), offset, count, total)

@@ -14,7 +14,7 @@ import math
 
 import numpy as np
 
-from cradle_env.mechanics.jit import entry, jit
+from cradle_env.mechanics.jit import entry, jit, once
 from cradle_env.mechanics.parameters import CONSTANT, KUWABARA_KONO
 
 # Nodes of the curves, uniform in u = sqrt(A) / (1 + sqrt(A)) so that 0 <= A < inf maps to 0 <= u < 1.
@@ -72,16 +72,12 @@ def _tabulate(table):
         table[i, 1] = t
 
 
-_TABLE = None
-
-
+@once
 def universal_curves() -> np.ndarray:
     """The tabulated curves, shape (nodes, 2): computed once per process, then read by every kernel."""
-    global _TABLE
-    if _TABLE is None:
-        _TABLE = np.empty((_INTERVALS, 2))
-        _tabulate(_TABLE)
-    return _TABLE
+    table = np.empty((_INTERVALS, 2))
+    _tabulate(table)
+    return table
 
 
 @jit

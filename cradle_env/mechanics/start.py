@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from cradle_env.mechanics.contact import pair, set_normals, solve_chain
+from cradle_env.mechanics.contact import CONTACT, pair, set_normals, solve_chain
 from cradle_env.mechanics.jit import entry, jit
 from cradle_env.mechanics.parameters import (
     ACTIVE,
@@ -26,6 +26,10 @@ from cradle_env.mechanics.parameters import (
 from cradle_env.mechanics.strings import stretch, take_branch, work_between
 
 _FIRST = np.int64(0)
+# Contact forces at rest are found so often anew, and count as found where no gap is left beyond this [m].
+_ROUNDS, _AT_REST = 200, 1e-9
+# So often a release angle is raised; what is left falls at least by 1 - cos(angle) each time.
+_RAISES = 100
 
 
 @jit
@@ -46,7 +50,7 @@ def put(cradle, bob, S, i, theta, r):
         S[i, START + c] = 0.0
     if cradle.elastic:
         S[i, START], S[i, START + 1] = bob.pivot + r * math.sin(theta), -r * math.cos(theta)
-        S[i, WORK] = work_between(bob, 0.0, bob.kappa, 0.0, bob.length, r)
+        S[i, WORK] = work_between(bob, 0.0, bob.kappa, 0.0, bob.length, max(r, bob.length))
     else:
         S[i, START] = theta
 
@@ -67,7 +71,8 @@ def at_rest(cradle, bobs, angles, hanging, S, W):
     """Fills S, at T0, with bobs at rest: lifted to angles (N,) [rad], the others (nan) in their common equilibrium.
 
     A lifted bob starts at r0, its strings unstretched, or, with `hanging`, at its hanging length. Lifted
-    neighbours that would overlap are spread until they touch. Returns the largest remaining overlap [m].
+    neighbours that would overlap are spread until they touch. Returns the largest remaining overlap [m]; inf where
+    no equilibrium was found that keeps the bobs in their order, as in long rows under high pressure.
     """
     n = len(bobs)
     for i in range(n):
@@ -82,7 +87,8 @@ def at_rest(cradle, bobs, angles, hanging, S, W):
 
     # Contact forces between bobs that hang: a bob yields to a horizontal force as 1 / (m g / r), which is r / g
     # times its mobility; the true compliance differs by the square of the lean, so this converges linearly.
-    for _ in range(200):
+    worst = 0.0
+    for _ in range(_ROUNDS):
         worst = 0.0
         for p in range(n - 1):
             gap = pair(cradle, bobs, p, S[p, T0], S, START)[0]
@@ -110,30 +116,39 @@ def at_rest(cradle, bobs, angles, hanging, S, W):
     for p in range(n - 1):
         if W[p, FORCE] > 0.0:
             S[p, LINK] = PRESSED
+            if pair(cradle, bobs, p, S[p, T0], S, START)[1] < 0.0:
+                worst = math.inf
+    if not worst < _AT_REST:
+        return math.inf
 
     for i in range(n):
         W[i, ACTIVE] = not math.isnan(angles[i])
     return spread(cradle, bobs, S, W)
 
 
-@jit
+@entry
 def lift(cradle, bobs, lifted, angle, hanging, S, W, angles):
-    """`at_rest` with the last `lifted` bobs at an angle [rad], but no lower than where they would hang.
+    """`at_rest` with the last `lifted` bobs at an angle [rad], raised until they clear those that hang.
 
-    angles (N,) is scratch. Returns the angle, 0 where none is lifted.
+    angles (N,) is scratch. Returns the angle, 0 where none is lifted, nan where there is no such rest.
     """
     n = len(bobs)
-    for i in range(n):
-        angles[i] = math.nan
-    at_rest(cradle, bobs, angles, hanging, S, W)
-    if lifted == 0:
-        return 0.0
-    leaning = math.atan2(S[n - 1, START] - bobs[n - 1].pivot, -S[n - 1, START + 1])
-    angle = max(angle, leaning if cradle.elastic else S[n - 1, START])
-    for i in range(n - lifted, n):
-        angles[i] = angle
-    at_rest(cradle, bobs, angles, hanging, S, W)
-    return angle
+    first = n - lifted
+    for _ in range(_RAISES):
+        for i in range(n):
+            angles[i] = angle if i >= first else math.nan
+        if at_rest(cradle, bobs, angles, hanging, S, W) == math.inf:
+            return math.nan
+        if lifted == 0:
+            return 0.0
+        if lifted == n:
+            return angle
+        gap, nx, _, _, _ = pair(cradle, bobs, first - 1, S[first, T0], S, START)
+        short = 2.0 * cradle.radius - math.copysign(gap + 2.0 * cradle.radius, nx)
+        if short <= CONTACT:
+            return angle
+        angle += short / bobs[first].length
+    return math.nan
 
 
 @entry
