@@ -43,7 +43,7 @@ def read_text(path: Path) -> tuple[str, bytes]:
 def check_own(folder: Path, names: Iterable[str], stamp: str, formats: str) -> None:
     """ExperimentError where a folder holds a file of these names that is not ours to replace: the JSON file that our
     command writes beside it, its stamp, is not there, not of this format, or lists the file otherwise or not at all."""
-    content = _stamped(folder / stamp, formats)
+    content = stamped(folder / stamp, formats)
 
     def ours(name: str) -> bool:
         if content is None or name == stamp:
@@ -57,11 +57,11 @@ def check_own(folder: Path, names: Iterable[str], stamp: str, formats: str) -> N
 
 def listing(folder: Path, names: Iterable[str], stamp: str, formats: str) -> dict[str, str]:
     """What a stamp lists as `files`: the SHA-256 of these, just written, and of those that it has listed before."""
-    earlier = (_stamped(folder / stamp, formats) or {}).get("files", {})
+    earlier = (stamped(folder / stamp, formats) or {}).get("files", {})
     return {**earlier, **{name: _sha256(folder / name) for name in names}}
 
 
-def _stamped(path: Path, formats: str) -> dict[str, Any] | None:
+def stamped(path: Path, formats: str) -> dict[str, Any] | None:
     """The content of a JSON file of this format; None where there is no such file."""
     try:
         content = json.loads(path.read_text(encoding="utf-8"))

@@ -4,6 +4,7 @@ import json
 import math
 import re
 
+import matplotlib.figure
 import numpy as np
 import pytest
 from scipy.special import gamma
@@ -13,7 +14,16 @@ from identification import cli
 from identification.reproduce import FIGURES, energy, exponent, impacts, judgements, numbers, resonance, strings, sweeps
 from identification.reproduce import bands as bands_module
 from identification.reproduce.contacts import overlaps
-from identification.reproduce.figure import BOBS, FAILS, HOLDS, HOLDS_IF, SAMPLE_RATE, STANDARD_RELEASE, Claim
+from identification.reproduce.figure import (
+    BOBS,
+    FAILS,
+    HOLDS,
+    HOLDS_IF,
+    SAMPLE_RATE,
+    STANDARD_RELEASE,
+    Claim,
+    Figure,
+)
 from identification.reproduce.run import claims_table
 from tests.synthetic import made_up_posterior, simulated_run
 
@@ -296,29 +306,31 @@ def test_what_is_made_stays(made, calibrated, capsys):
     assert "fig7" in capsys.readouterr().out
 
 
+def made_up_figure(name: str, needs=(), data=lambda study: None) -> Figure:
+    """A figure of one table, which tells what it has seen of those that it needs."""
+
+    def table(study):
+        data(study)
+        seen = [study.tables[other]["t"]["x, in m"].sum() for other in needs]
+        return {"t": {"x, in m": np.array([1.5, 2.5]), "short": np.array(seen)}}
+
+    def claims(tables):
+        return [Claim.judged("s", "1", len(tables["t"]["short"]) == len(needs), str(tables["t"]["short"]))]
+
+    return Figure(name, name, table, lambda tables: matplotlib.figure.Figure(), claims, needs)
+
+
 def test_interrupted_between_and_gone_on(tmp_path, monkeypatch):
-    """Figures that were finished stay; other settings, or a damaged stamp, make them anew."""
+    """Figures that were finished stay; other settings, or a stamp that says only whose they are, make them anew."""
     made = []
 
     def figure(name: str, needs=()):
-        from identification.reproduce.figure import Figure
-
-        def data(study):
+        def data(_):
             made.append(name)
-            if name == "second" and made.count("second") == 1:
+            if made.count("second") == 1 and name == "second":
                 raise KeyboardInterrupt
-            seen = [study.tables[other]["t"]["x, in m"].sum() for other in needs]
-            return {"t": {"x, in m": np.array([1.5, 2.5]), "short": np.array(seen)}}
 
-        def draw(tables):
-            import matplotlib.figure
-
-            return matplotlib.figure.Figure()
-
-        def claims(tables):
-            return [Claim.judged("s", "1", len(tables["t"]["short"]) == len(needs), str(tables["t"]["short"]))]
-
-        return Figure(name, name, data, draw, claims, needs)
+        return made_up_figure(name, needs, data)
 
     figures = (figure("first"), figure("second", ("first",)), figure("third"))
     monkeypatch.setattr("identification.reproduce.run.FIGURES", figures)
@@ -330,11 +342,40 @@ def test_interrupted_between_and_gone_on(tmp_path, monkeypatch):
     assert [(claim["figure"], claim["verdict"], claim["evidence"]) for claim in claims] == [
         ("first", HOLDS, "[]"), ("second", HOLDS, "[4.]"),
     ]  # fmt: skip
-    (tmp_path / "first" / "figure.json").write_text('{"format"')
-    assert cli.main(arguments) == 0
+    (tmp_path / "first" / "t.csv").unlink()
+    stamp = tmp_path / "first" / "figure.json"
+    stamp.write_text(json.dumps({key: json.loads(stamp.read_text())[key] for key in ("format", "files")}))
+    assert cli.main(arguments) == 0  # as a kill between stamp and files leaves it
     assert made[3:] == ["first"]
     assert cli.main([*arguments, "--values", "20"]) == 0
     assert made[4:] == ["first", "second"]
+
+
+def test_only_files_of_our_own_are_replaced(tmp_path, monkeypatch, capsys):
+    """Nothing is computed before all that would be replaced is known to be ours; what was put beside it stays."""
+    made = []
+    monkeypatch.setattr("identification.reproduce.run.FIGURES", (made_up_figure("first", data=made.append),))
+    folder = tmp_path / "first"
+
+    def refused(*more: str) -> str:
+        assert cli.main(["reproduce", "--out", str(tmp_path), *more]) == 2
+        return capsys.readouterr().err
+
+    folder.mkdir()
+    (folder / "figure.json").write_text('{"data": [1, 2]}')
+    assert f"{folder}: exists and holds no figure of this command" in refused()
+    (folder / "figure.json").unlink()
+    (tmp_path / "claims.md").write_text("mine")
+    assert "claims.md: exists and is no result of this command" in refused()
+    (tmp_path / "claims.md").unlink()
+    assert cli.main(["reproduce", "--out", str(tmp_path)]) == 0
+    (folder / "notes.csv").write_text("mine")
+    (folder / "t.csv").write_text("corrected")
+    assert f"{folder / 't.csv'}: exists and is no result" in refused("--values", "20")
+    (folder / "t.csv").unlink()
+    assert cli.main(["reproduce", "--out", str(tmp_path), "--values", "20"]) == 0
+    assert {path.name for path in folder.iterdir()} == {"figure.json", "first.pdf", "first.png", "notes.csv", "t.csv"}
+    assert (folder / "notes.csv").read_text() == "mine" and len(made) == 2
 
 
 @pytest.mark.parametrize(
@@ -363,9 +404,11 @@ def test_a_failed_claim_stands_out():
 
 def test_the_example_calibration_finds_the_standard_set(tmp_path, monkeypatch):
     """With a fit of few steps: that it converges is the sampler's to show."""
-    monkeypatch.setattr(bands_module, "calibrate", lambda experiment, **how: made_up_posterior(experiment))
+    monkeypatch.setattr(
+        bands_module, "calibrate", lambda experiment, out, **how: out.mkdir() or made_up_posterior(experiment)
+    )
     posterior = bands_module.calibrate_example(tmp_path, 0, 1, lambda *_: None)
-    assert (tmp_path / "posterior.nc").is_file()
+    assert len([*tmp_path.glob("*/posterior.nc")]) == 1
     run = posterior.experiment.runs[0]
     motion = simulate(Cradle(bobs=2), Release(angle=0.228), times=run.times)
     assert np.std(run.readings - motion.theta) == pytest.approx(run.noise, rel=0.1)  # of 482 readings: 3 %

@@ -33,9 +33,10 @@ def calibrate_example(folder: Path, seed: int, workers: int | None, progress: Pr
     run = simulate(cradle, STANDARD_RELEASE, _DURATION, _RATE)
     readings = run.theta + _NOISE * np.random.default_rng(seed).standard_normal(run.theta.shape)
     seen = Run(run.t, readings, release=ReleaseInfo(STANDARD_RELEASE, angle_sd=1e-3), delta=0.0, noise=_NOISE)
-    chains = folder / program(cradle.composition)  # those of another program are not gone on with
-    posterior = calibrate(Experiment(cradle, (seen,)), out=chains, seed=seed, workers=workers, progress=progress)
-    posterior.save(folder / "posterior.nc")
+    # A folder of its own: chains of another program are not gone on with, no other calibration is replaced.
+    own = folder / program(cradle.composition)
+    posterior = calibrate(Experiment(cradle, (seen,)), out=own, seed=seed, workers=workers, progress=progress)
+    posterior.save(own / "posterior.nc")
     return posterior
 
 
