@@ -11,6 +11,8 @@ from scipy.special import gamma
 
 from cradle_env import Cradle, InitialState, Release, simulate, string_tension
 from identification import cli
+from identification.experiment import Experiment
+from identification.posterior import Posterior
 from identification.reproduce import FIGURES, energy, exponent, impacts, judgements, numbers, resonance, strings, sweeps
 from identification.reproduce import bands as bands_module
 from identification.reproduce.contacts import overlaps
@@ -251,8 +253,6 @@ def study():
 @pytest.fixture(scope="module")
 def calibrated(tmp_path_factory):
     """A folder as `cradle calibrate` leaves it, the posterior made up."""
-    from identification.experiment import Experiment
-
     folder = tmp_path_factory.mktemp("calibrated")
     cradle = Cradle(bobs=2)
     made_up_posterior(Experiment(cradle, (simulated_run(cradle, duration=6.0),))).save(folder / "posterior.nc")
@@ -306,7 +306,7 @@ def test_what_is_made_stays(made, calibrated, capsys):
     assert "fig7" in capsys.readouterr().out
 
 
-def made_up_figure(name: str, needs=(), data=lambda study: None) -> Figure:
+def made_up_figure(name: str, needs=(), data=lambda study: None, calibrated=False) -> Figure:
     """A figure of one table, which tells what it has seen of those that it needs."""
 
     def table(study):
@@ -317,7 +317,7 @@ def made_up_figure(name: str, needs=(), data=lambda study: None) -> Figure:
     def claims(tables):
         return [Claim.judged("s", "1", len(tables["t"]["short"]) == len(needs), str(tables["t"]["short"]))]
 
-    return Figure(name, name, table, lambda tables: matplotlib.figure.Figure(), claims, needs)
+    return Figure(name, name, table, lambda tables: matplotlib.figure.Figure(), claims, needs, calibrated)
 
 
 def test_interrupted_between_and_gone_on(tmp_path, monkeypatch):
@@ -349,6 +349,39 @@ def test_interrupted_between_and_gone_on(tmp_path, monkeypatch):
     assert made[3:] == ["first"]
     assert cli.main([*arguments, "--values", "20"]) == 0
     assert made[4:] == ["first", "second"]
+
+
+def test_a_calibration_makes_anew_only_what_shows_it(calibrated, tmp_path, monkeypatch):
+    """And the claims of the other figures, of whatever resolution, stay."""
+    made = []
+    figures = (
+        made_up_figure("plain", data=lambda study: made.append("plain")),
+        made_up_figure("bands", data=lambda study: made.append(type(study.posterior())), calibrated=True),
+    )
+    monkeypatch.setattr("identification.reproduce.run.FIGURES", figures)
+    monkeypatch.setattr("identification.reproduce.run.calibrate_example", lambda *_: None)
+
+    def figures_told(*more: str) -> list[str]:
+        assert cli.main(["reproduce", "--out", str(tmp_path), *more]) == 0
+        return list(json.loads((tmp_path / "claims.json").read_text())["figures"])
+
+    assert figures_told() == ["plain", "bands"]
+    assert figures_told("--only", "bands", "--calibration", str(calibrated)) == ["plain", "bands"]
+    assert figures_told("--only", "plain", "--values", "20") == ["plain", "bands"]
+    assert made == ["plain", type(None), Posterior, "plain"]
+
+
+def test_an_unusable_calibration_is_refused_at_once(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr("identification.reproduce.run.FIGURES", (made_up_figure("first", data=pytest.fail),))
+    (tmp_path / "posterior.nc").write_text("no posterior")
+    refused = ["reproduce", "--out", str(tmp_path / "o"), "--calibration"]
+    assert cli.main([*refused, str(tmp_path)]) == 2
+    assert "not a posterior" in capsys.readouterr().err
+    cradle = Cradle(bobs=2, effects={"spacer_offset": {"offset": (0.001,)}})
+    posterior = made_up_posterior(Experiment(cradle, (simulated_run(cradle, duration=6.0),)))
+    posterior.save(tmp_path / "posterior.nc")
+    assert cli.main([*refused, str(tmp_path)]) == 2
+    assert "offset has 1 values" in capsys.readouterr().err
 
 
 def test_only_files_of_our_own_are_replaced(tmp_path, monkeypatch, capsys):

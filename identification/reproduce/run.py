@@ -15,7 +15,6 @@ from typing import Any
 
 import numpy as np
 
-import cradle_env
 from cradle_env import __version__
 from cradle_env.errors import check_range, unknown_key
 from identification.files import (
@@ -28,9 +27,10 @@ from identification.files import (
     write_json,
     write_together,
 )
+from identification.fingerprint import program
 from identification.posterior import Posterior
 from identification.reproduce import FIGURES
-from identification.reproduce.bands import calibrate_example
+from identification.reproduce.bands import calibrate_example, check_posterior
 from identification.reproduce.figure import FAILS, HOLDS_IF, Claim, Figure, Study, Table, Tables
 from identification.results import table_text
 from identification.style import pdf, png, styled
@@ -57,50 +57,45 @@ def reproduce(
     only: names of figures, all where omitted; those that others rest on are made too. values: of each parameter in a
     sweep. calibration: posterior.nc of `cradle calibrate` whose uncertainty the bands show; an example, simulated and
     calibrated here, where omitted. What is done already, with the same program and input, is not done again. Returns
-    the content of claims.json. Raises ValueError for a name that no figure has.
+    the content of claims.json. Raises ValueError, before anything is made, for a name that no figure has, for what is
+    no calibration, and for files that would be replaced and are not ours.
     """
     check_range("values", values, "", 16, remedy="fewer show no curve")
     named = {figure.name: figure for figure in FIGURES}
     for name in only:
         if name not in named:
             raise ValueError(unknown_key("figure", name, list(named)))
-    source = None if calibration is None else calibration.read_bytes()
     posterior = functools.partial(calibrate_example, out / "calibration", seed, workers, progress)
+    shown: list[Any] = [seed]
     if calibration is not None:
-        posterior = functools.partial(_loaded, calibration, seed, workers)
-    inputs = hashlib.sha256(json.dumps([_sources(), values, seed]).encode() + (source or b"")).hexdigest()
+        loaded = dataclasses.replace(Posterior.load(calibration, workers), seed=seed)
+        check_posterior(loaded)
+        posterior, shown = lambda: loaded, [seed, hashlib.sha256(calibration.read_bytes()).hexdigest()]
+    inputs = {
+        figure.name: _hash([program(()), values, shown if figure.calibrated else None]) for figure in named.values()
+    }
     todo = _with_needs(only or list(named), named)
     check_own(out, _CLAIMS, _CLAIMS[0], CLAIMS_FORMAT)
     for name in todo:
         _check_folder(out / name)
     # Named by the inputs: what an earlier program left unfinished is not gone on with.
-    scratch = out / f".unfinished-{inputs[:12]}"
-    for stale in set(out.glob(".unfinished-*")) - {scratch}:
+    scratch = {name: out / f".unfinished-{name}-{hashed[:12]}" for name, hashed in inputs.items()}
+    for stale in set(out.glob(".unfinished-*")) - set(scratch.values()):
         shutil.rmtree(stale)
-    study = Study(values, workers, scratch, posterior)
     for k, name in enumerate(todo):
-        if _stamp(out / name).get("inputs") != inputs:
+        if _stamp(out / name).get("inputs") != inputs[name]:
             tell = lambda fraction, text, k=k, name=name: progress(  # noqa: E731
                 name, fraction, f"{text} (figure {k + 1} of {len(todo)})"
             )
             tables = {other: _read_tables(out / other) for other in named[name].needs}
-            _make(named[name], dataclasses.replace(study, tell=tell, tables=tables), out / name, inputs)
-            shutil.rmtree(scratch, ignore_errors=True)
-    return _write_claims(out, inputs)
+            study = Study(values, workers, scratch[name], posterior, tell, tables)
+            _make(named[name], study, out / name, inputs[name])
+            shutil.rmtree(scratch[name], ignore_errors=True)
+    return _write_claims(out)
 
 
-def _loaded(file: Path, seed: int, workers: int | None) -> Posterior:
-    return dataclasses.replace(Posterior.load(file, workers), seed=seed)
-
-
-def _sources() -> str:
-    """A hash of the program that makes the figures: numbers of another version are not mixed in."""
-    digest = hashlib.sha256()
-    here = Path(__file__).parent
-    for folder in (Path(cradle_env.__file__).parent, here, here.parent / "sweep"):
-        for file in sorted(folder.rglob("*.py")):
-            digest.update(file.read_bytes())
-    return digest.hexdigest()
+def _hash(content: Any) -> str:
+    return hashlib.sha256(json.dumps(content).encode()).hexdigest()
 
 
 def _with_needs(names: Iterable[str], figures: Mapping[str, Figure]) -> list[str]:
@@ -118,7 +113,7 @@ def _stamp(folder: Path) -> dict[str, Any]:
 
 
 def _check_folder(folder: Path, written: Iterable[str] = ()) -> None:
-    """ExperimentError where a figure's folder is not ours, or a file that we list or write there is not as we left it."""
+    """ExperimentError where a figure's folder is not ours, or a file to be replaced there is not as we left it."""
     if folder.exists() and not _stamp(folder) and any(folder.iterdir()):
         raise ExperimentError(f"{folder}: exists and holds no figure of this command; choose another --out")
     check_own(folder, (*_stamp(folder).get("files", ()), *written), _STAMP, FORMAT)
@@ -138,6 +133,7 @@ def _make(figure: Figure, study: Study, folder: Path, inputs: str) -> None:
     content = {
         "format": FORMAT,
         "version": __version__,
+        "program": program(()),
         "inputs": inputs,
         "title": figure.title,
         "seconds": round(time.monotonic() - began, 1),
@@ -183,14 +179,14 @@ def _trimmed(column: np.ndarray) -> np.ndarray:
     return column[: filled[-1] + 1] if len(filled) else column[:0]
 
 
-def _write_claims(out: Path, inputs: str) -> dict[str, Any]:
-    """claims.json and claims.md, of the figures that are there and up to date."""
+def _write_claims(out: Path) -> dict[str, Any]:
+    """claims.json and claims.md, of the figures that are there, finished, and made by this program."""
     stamps = {figure.name: _stamp(out / figure.name) for figure in FIGURES}
-    done = {name: stamp for name, stamp in stamps.items() if stamp.get("inputs") == inputs}
+    done = {name: stamp for name, stamp in stamps.items() if "inputs" in stamp and stamp.get("program") == program(())}
     content = {
         "format": CLAIMS_FORMAT,
         "version": __version__,
-        "inputs": inputs,
+        "inputs": _hash([stamp["inputs"] for stamp in done.values()]),
         "figures": {name: stamp["title"] for name, stamp in done.items()},
         "claims": [{**claim, "figure": name} for name, stamp in done.items() for claim in stamp["claims"]],
     }
