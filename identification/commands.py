@@ -25,6 +25,7 @@ from identification.measurement import Instrument
 from identification.posterior import FORMAT as POSTERIOR_FORMAT
 from identification.posterior import Posterior
 from identification.runs import ReleaseInfo, Run, checked_noise
+from identification.sweep.grid import of_other_bobs
 from identification.terminal import Progress, print_table
 from identification.wording import convergence_verdict, model_verdict, number, ratio, rounding_of, shown, unit_plain
 
@@ -76,7 +77,7 @@ def described(
         raise ValueError("both beta and kappa are given; beta sets kappa, so give one of them")
     if source is None and beta is None and "kappa" not in values:
         beta = STANDARD_BETA  # of the masses and lengths that are set here
-    cradle = cradle.replace(beta=beta, **values)
+    stated_of, cradle = cradle.bobs, cradle.replace(beta=beta, **values)
     for name in unstated:
         of, _, key = name.partition(".")
         if cradle.has(of) and not any(text.startswith(f"{name}=") for text in (*effects, *over)):
@@ -86,8 +87,9 @@ def described(
     if lifted is not None:
         angle = release.lead(cradle)[1] if angle is None else angle
         release = Release(angle=angle, bobs=lifted, start=release.start)
-    elif angle is not None:
-        release = release.lifted_to(angle, cradle)
+    else:
+        release = of_other_bobs(release, stated_of, cradle.bobs)
+        release = release if angle is None else release.lifted_to(angle, cradle)
     return cradle, release if start is None else dataclasses.replace(release, start=start)
 
 

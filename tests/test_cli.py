@@ -12,6 +12,7 @@ from cradle_env import Cradle, Release, simulate
 from identification import cli
 from identification.experiment import Experiment
 from identification.posterior import Posterior
+from identification.runs import ReleaseInfo
 from identification.sweep import Grid
 from identification.sweep import command as sweep_command
 from tests.synthetic import made_up_posterior, simulated_run
@@ -255,6 +256,18 @@ def test_what_the_source_leaves_open_is_told(tmp_path, capsys):
     swept = ["--over", "release_angle=0.1,0.2", "--over", "quadratic_drag.c2=0.01,0.02", "--duration", 2]
     assert run("sweep", "--from", path, *swept, "--out", tmp_path / "swept") == 0
     assert capsys.readouterr().err == ""
+
+
+def test_angles_of_a_source_are_scaled_or_stay_with_their_bobs(tmp_path, capsys):
+    cradle, release = Cradle(bobs=2), Release(angles={1: -0.2, 2: 0.1})
+    run_of = simulated_run(cradle, duration=2.0, release=ReleaseInfo(release))
+    command = ["simulate", "--from", Experiment(cradle, (run_of,)).save(tmp_path), "--duration", 1, "--out"]
+    assert run(*command, tmp_path / "o", "--release-angle", 0.05) == 0
+    stated = json.loads((tmp_path / "o" / "summary.json").read_text())["release"]
+    assert stated["angles"] == pytest.approx({"1": -0.1, "2": 0.05})
+    assert run(*command, tmp_path / "o", "--bobs", 3) == 2
+    assert "bobs is 3, but the release states angles of bobs 1, 2 of 2" in refusal(capsys)
+    assert run(*command, tmp_path / "o", "--bobs", 3, "--lifted", 1) == 0
 
 
 def test_a_model_with_a_value_per_gap_is_put_on_as_many_bobs_as_are_asked_for(tmp_path):

@@ -68,12 +68,13 @@ def test_every_axis_sets_what_its_name_says(axes, cradle, release):
 
 def test_release_angles_that_are_stated_one_by_one_are_swept_in_proportion():
     release = Release(angles={1: -0.2, 2: 0.1}, start="hanging")
-    for axes, expected in (
-        ({"release_angle": [0.05]}, Release(angles={1: -0.1, 2: 0.05}, start="hanging")),
-        ({"release_angle": [0.05], "lifted": [1]}, Release(angle=0.05, start="hanging")),
-        ({"lifted": [1]}, Release(angle=0.1, start="hanging")),
-    ):
-        assert Grid(axes, PAIR, release).point(0)[1] == expected
+    for axes in ({"release_angle": [0.05]}, {"gamma": [0.05**2 / 6]}, {"bobs": [2], "release_angle": [0.05]}):
+        found = Grid(axes, PAIR, release).point(0)[1]
+        assert found.angles == pytest.approx({1: -0.1, 2: 0.05}) and found.start == "hanging"
+    with pytest.raises(ValueError, match="lifted is swept, but the release states the angle of each bob"):
+        Grid({"lifted": [1]}, PAIR, release)
+    with pytest.raises(ValueError, match="bobs is 3, but the release states angles of bobs 1, 2 of 2"):
+        Grid({"bobs": [3]}, PAIR, release).point(0)
 
 
 def test_the_last_axis_changes_fastest_and_columns_of_an_axis_together():
