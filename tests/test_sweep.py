@@ -6,6 +6,7 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 import time
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 from multiprocessing import get_context
@@ -254,6 +255,26 @@ def test_what_a_kill_leaves_is_kept_and_the_rest_is_run(by, tmp_path, monkeypatc
     assert len(ran) == 150 - len(kept)
     assert set(kept["lambda"]) <= set(swept["lambda"])
     np.testing.assert_allclose(swept["lambda"], sweep(grid, duration=60.0)["lambda"], rtol=0.0, atol=ROUNDING)
+
+
+def test_a_sweep_that_stops_keeps_what_was_running(tmp_path, monkeypatch):
+    """Of two points that had begun, one stops it; the other comes to its end."""
+    begun = threading.Event()
+
+    def evaluated(cradle, release, names, values, quantities, times, *_):
+        if values[0, 0] == 0.0:
+            begun.wait()
+            raise RuntimeError("stop")
+        begun.set()
+        time.sleep(0.3)
+        rows = np.zeros(len(values), sweep_engine.row_type(quantities, times))
+        rows["status"], rows["lambda"] = 1, 5.0
+        return rows, {}
+
+    monkeypatch.setattr(sweep_engine, "evaluate", evaluated)
+    with pytest.raises(RuntimeError, match="stop"):
+        sweep(Grid({"delta": [0.0, 0.01]}, PAIR, RELEASE), out=tmp_path, workers=2)
+    np.testing.assert_array_equal(np.load(tmp_path / "runs.npy")["lambda"], [0.0, 5.0])
 
 
 def test_another_sweep_is_not_mixed_into_a_folder(tmp_path):
