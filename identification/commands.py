@@ -185,7 +185,7 @@ def calibrate(
     from identification.calibration import calibrate as run
 
     check_report(out, "calibrate")
-    check_own(out, (results.SUMMARY,), results.SUMMARY, POSTERIOR_FORMAT)
+    check_own(out, (results.SUMMARY, *results.CALIBRATION_FILES), results.SUMMARY, POSTERIOR_FORMAT)
     experiment = Experiment.load(path)
     with Progress() as progress:
         posterior = run(
@@ -206,9 +206,10 @@ def calibrate(
 def diagnose(path: Path, out: Path, seed: int, workers: int | None) -> None:
     """Diagnoses an experiment and writes what was found."""
     from identification.diagnose import diagnose as run
-    from identification.diagnose.report import save, sentence
+    from identification.diagnose.report import check_folder, save, sentence
 
     check_report(out, "diagnose")
+    check_folder(out)
     experiment = Experiment.load(path)
     with Progress() as progress:
         diagnosis = run(experiment, out=out, seed=seed, workers=workers, progress=progress)
@@ -280,6 +281,7 @@ def predict(
 ) -> None:
     """Predicts σ(t) and λ from a calibration and writes them."""
     file = _posterior_file(folder)
+    check_own(out, (results.PREDICTION, *results.PREDICTION_FILES), results.PREDICTION, results.PREDICTION_FORMAT)
     with Progress() as progress:
         progress("load", None)
         posterior = dataclasses.replace(Posterior.load(file, workers), seed=seed)

@@ -308,11 +308,45 @@ def test_a_sweep_replaces_only_its_own_tables(tmp_path, capsys):
     for table in ("sweep.csv", "t.csv", "sweep.csv"):
         assert run(*command, table) == 0
     capsys.readouterr()
-    for table in ("run1.csv", "t.csv"):
-        (tmp_path / table).write_text("measured")
+    for name, table in (("run1.csv", "run1.csv"), ("t.csv", "t.csv"), ("sweep.png", "sweep.csv")):
+        (tmp_path / name).write_text("mine")
         assert run(*command, table) == 2
-        assert f"{table}: exists and is no result of this command" in refusal(capsys)
-        assert (tmp_path / table).read_text() == "measured"
+        assert f"{name}: exists and is no result of this command" in refusal(capsys)
+        assert (tmp_path / name).read_text() == "mine"
+
+
+@pytest.mark.parametrize(
+    ("command", "names"),
+    [
+        (["sweep", "--over", "delta=0", "--explore"], ["runs.npy", "sweep.png", "explore.html", "sweep.csv"]),
+        (["calibrate", "experiment.toml"], ["fit.png", "posterior.nc", "lambda.png"]),
+        (["diagnose", "experiment.toml"], ["report.html", "model.toml", "diagnosis.json"]),
+        (["design", "experiment.toml"], ["report.html", "design.png"]),
+        (["predict", "calibrated"], ["prediction.csv", "prediction.png"]),
+        (["bench"], ["bench.json"]),
+        (["reproduce"], ["claims.md"]),
+    ],
+    ids=lambda value: value[0],
+)
+def test_what_a_command_has_not_written_is_refused_before_any_work(
+    command, names, pair, calibrated, tmp_path, monkeypatch, capsys
+):
+    """And so is a file where the folder should be."""
+    monkeypatch.chdir(tmp_path)
+    pair.save(tmp_path)
+    (tmp_path / "calibrated").symlink_to(calibrated)
+    for module in ("fit.find_mode", "posterior.Posterior.load", "bench.run.race", "sweep.engine.simulate"):
+        monkeypatch.setattr(f"identification.{module}", lambda *_, **__: pytest.fail("worked"))
+    for name in names:
+        out = tmp_path / f"beside-{name}"
+        out.mkdir()
+        (out / name).write_text("mine")
+        assert run(*command, "--out", out) == 2
+        said = refusal(capsys)
+        assert name in said or "holds the report of" in said
+        assert [(path.name, path.read_text()) for path in out.iterdir()] == [(name, "mine")]
+    assert run(*command, "--out", out / name) == 2
+    assert "is a file; name a folder" in refusal(capsys)
 
 
 def test_sweep_tells_what_was_never_reached(tmp_path, capsys):

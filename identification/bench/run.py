@@ -25,9 +25,10 @@ from cradle_env import __version__
 from cradle_env.cradle import Cradle, Release
 from cradle_env.simulation import simulate
 from identification.bench import environment, scipy_peer
-from identification.files import write_json
+from identification.files import check_own, write_json
 from identification.terminal import Progress, print_table
 
+_FILE, _FORMAT = "bench.json", "cradle-bench/1"
 _ANGLE, _RATE = 0.228, 60.0
 #: What is raced, and over how long accuracy is compared [s]: all of it for two bobs, else before rounding grows.
 _RACES = {2: np.inf, 5: 3.0}
@@ -107,6 +108,8 @@ def _environment(folder: str | None) -> dict[str, str]:
 
 def main(duration: float, out: Path | None) -> None:
     """Measures, prints a table, and writes bench.json if a folder is given."""
+    if out is not None:
+        check_own(out, (_FILE,), _FILE, _FORMAT)
     with Progress() as progress:
         races = []
         for i, (bobs, compared) in enumerate(_RACES.items()):
@@ -128,7 +131,7 @@ def main(duration: float, out: Path | None) -> None:
     if out is not None:
         versions = {name: metadata.version(name) for name in ("numpy", "scipy", "numba", "gymnasium")}
         content = {
-            "format": "cradle-bench/1",
+            "format": _FORMAT,
             "version": __version__,
             "python": platform.python_version(),
             "machine": platform.machine(),
@@ -138,4 +141,4 @@ def main(duration: float, out: Path | None) -> None:
             "steps_per_second": rates,
             "import_ratio": relative,
         }
-        print(f"figures: {write_json(out / 'bench.json', content)}")
+        print(f"figures: {write_json(out / _FILE, content)}")
