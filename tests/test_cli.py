@@ -1,6 +1,7 @@
 """The command line: what it writes, how it ends, and what it says when it refuses."""
 
 import json
+import os
 import signal
 import subprocess
 import sys
@@ -85,6 +86,7 @@ def calibrated(pair, tmp_path_factory):
         (["simulate", "--out", "o", "--from", "none.toml"], "none.toml: no such file"),
         (["simulate", "--out", "file.txt"], "file.txt"),
         (["new", "none.csv", "--out", "new.toml"], "none.csv: no such file"),
+        (["new", "none.csv"], "none.csv: no such file"),
         (["new", "file.txt", "--out", "new.toml"], "file.txt"),
         (["new", "run1.csv", "--out", "run1.csv", "--overwrite"], "run1.csv: these are the data"),
         (["calibrate", "none.toml", "--out", "o"], "none.toml: no such file"),
@@ -110,7 +112,14 @@ def calibrated(pair, tmp_path_factory):
         (["sweep", "--out", "o", "--over", "beta=0.1:0.2:500", "--explore"], "at most 416"),
         (["sweep", "--out", "o", "--over", "beta=0.1", "--model", "none.toml"], "none.toml"),
         (["sweep", "--out", "file.txt", "--over", "beta=0.1"], "file.txt"),
+        (["sweep", "--out", "o", "--over", "beta=0.1", "--kappa", "200"], "kappa is given and beta is swept"),
+        (["sweep", "--out", "o", "--explore", "--kappa", "200"], "kappa is given and beta is swept"),
+        (["sweep", "--out", "o", "--over", "kappa=200", "--beta", "0.1"], "beta is given and kappa is swept"),
+        (["sweep", "--out", "o", "--over", "gamma=0.01", "--release-angle", "0.1"], "release_angle is given and gamma"),
         (["bench", "--duration", "0"], "--duration"),
+        (["bench", "--duration", "inf"], "duration is inf s"),
+        (["simulate", "--out", "o", "--effect", "mass_mismatch.relative=0.1,0.1,x"], "'x', which is not a number"),
+        (["simulate", "--out", "o", "--effect", "quadratic_drag.c2=0.1,0.2"], "c2 takes one number"),
     ],
     ids=lambda value: " ".join(value) if isinstance(value, list) else "",
 )
@@ -237,6 +246,21 @@ def test_effects_are_taken_out_and_beta_is_of_the_lengths_set(tmp_path):
     cradle = json.loads((tmp_path / "summary.json").read_text())["cradle"]
     assert "-string_hysteresis" in cradle["effects"]
     assert cradle["groups"]["beta"] == pytest.approx(0.114)
+
+
+def test_a_parameter_of_each_bob_is_given_as_a_list(tmp_path):
+    command = ["simulate", "--bobs", 2, "--effect", "mass_mismatch.relative=0.1,-0.1", "--duration", 1]
+    assert run(*command, "--out", tmp_path) == 0
+    cradle = json.loads((tmp_path / "summary.json").read_text())["cradle"]
+    assert cradle["effects"]["mass_mismatch"]["relative"] == [0.1, -0.1]
+
+
+def test_a_terminal_without_greek_is_no_error(tmp_path):
+    code = "import sys; from identification import cli; from identification.terminal import print_table as show\n"
+    code += "cli.app = lambda **_: show(['λ [1/s]'], [['δ = −0.1']])\nsys.exit(cli.main())"
+    environment = os.environ | {"PYTHONIOENCODING": "cp1252", "PYTHONUTF8": "0"}
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, env=environment)
+    assert (done.returncode, done.stderr) == (0, b"") and b"? [1/s]" in done.stdout
 
 
 def test_what_the_source_leaves_open_is_told(tmp_path, capsys):

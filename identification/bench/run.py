@@ -23,6 +23,7 @@ import numpy as np
 
 from cradle_env import __version__
 from cradle_env.cradle import Cradle, Release
+from cradle_env.errors import check_range
 from cradle_env.simulation import simulate
 from identification.bench import environment, scipy_peer
 from identification.files import check_own, write_json
@@ -108,6 +109,7 @@ def _environment(folder: str | None) -> dict[str, str]:
 
 def main(duration: float, out: Path | None) -> None:
     """Measures, prints a table, and writes bench.json if a folder is given."""
+    check_range("duration", duration, "s", 1.0)
     if out is not None:
         check_own(out, (_FILE,), _FILE, _FORMAT)
     with Progress() as progress:

@@ -26,7 +26,7 @@ _OTHERS = {
     "lifted": ("1", "lifted bobs"),
 }
 #: Both of a pair set the same thing.
-_EXCLUSIVE = (("beta", "kappa"), ("alpha", "k_f"), ("n", "k_f"), ("gamma", "release_angle"))
+EXCLUSIVE = (("beta", "kappa"), ("alpha", "k_f"), ("n", "k_f"), ("gamma", "release_angle"))
 #: Points of a grid at most.
 _MOST = 10**9
 #: name, or name[i] for that of bob or gap i.
@@ -84,7 +84,7 @@ class Grid:
             raise ValueError(
                 f"the grid has {len(self):.3g} points; it must have at most {_MOST:.0e}; sweep it in parts"
             )
-        for one, other in _EXCLUSIVE:
+        for one, other in EXCLUSIVE:
             if one in self.names and other in self.names:
                 raise ValueError(f"{one} and {other} are both swept; {one} sets {other}, so sweep one of them")
         if "lifted" in self.names and release.angles is not None:
