@@ -10,6 +10,7 @@ import pytest
 from scipy.special import gamma
 
 from cradle_env import Cradle, InitialState, Release, simulate, string_tension
+from cradle_env.synchronization import ENVELOPE_PERIODS
 from identification import cli
 from identification.experiment import Experiment
 from identification.posterior import Posterior
@@ -100,6 +101,18 @@ def test_published_exponents():
         np.testing.assert_allclose(table[f"lambda, {start} start [1/s]"], published, rtol=6e-3)
     t = np.linspace(0, 60, 3000)
     assert exponent.decay(t, np.exp(-0.08 * t)) == pytest.approx(0.08, rel=1e-9)
+
+
+def test_fig_6_says_what_its_lines_are_and_ends_with_the_last_whole_envelope():
+    """Of a decay that is exact, over the 60 s that a run has."""
+    t = np.arange(0.0, 60.01, 0.1)
+    sigma = {f"sigma, N = {bobs}, {start} start": np.exp(-0.06 * t) for bobs in BOBS for start in sweeps.STARTS}
+    rates = {f"lambda, {start} start [1/s]": np.full(3, 0.06) for start in sweeps.STARTS}
+    drawn = exponent.FIGURE.draw({"sigma": {"t [s]": t, **sigma}, "lambda": rates})
+    (legend,) = (found for axes in drawn.axes if (found := axes.get_legend()))
+    assert [text.get_text() for text in legend.get_texts()] == ["σ", "exp(−λt)", "$t^{-1}$ ln σ$^{-1}$", "λ"]
+    ends = [line.get_xdata()[-1] for axes in drawn.axes for line in axes.lines if line.get_label()[0] in "σ$"]
+    assert len(ends) == 12 and {*ends} == {t[t <= 60.0 - 0.5 * ENVELOPE_PERIODS * Cradle().period][-1]}
 
 
 @pytest.mark.parametrize("bobs", BOBS)
