@@ -120,6 +120,7 @@ def test_no_possible_point_is_refused():
         ({"beta": np.arange(1e5), "b": np.arange(1e5)}, "points; it must have at most 1e.09"),
         ({"beta": [0.1], "draw": {"beta": [0.2]}}, "beta is on two axes"),
         ({"beta": []}, "not empty"),
+        ({"beta": [0.1, 0.2, 0.1]}, "beta = 0.1 is 2 times on its axis"),
         ({"beta": ["a"]}, "list of numbers"),
         ({"draw": {"b": [0.1], "k_f": [1.0, 2.0]}}, "1 of b, 2 of k_f"),
         ({"mass[1]": [1.0]}, "mass is one number"),

@@ -119,7 +119,11 @@ def _axis(name: str, given: Any) -> Axis:
     if len({len(column) for column in columns.values()}) != 1:
         lengths = ", ".join(f"{len(column)} of {key}" for key, column in columns.items())
         raise ValueError(f"axis {name} must hold equally many values of each parameter; it has {lengths or 'none'}")
-    return Axis(name, columns)
+    axis = Axis(name, columns)
+    several, counts = np.unique(axis.values, return_counts=True)
+    if len(several) < len(axis):
+        raise ValueError(f"{name} = {several[np.argmax(counts)]:g} is {counts.max()} times on its axis; give it once")
+    return axis
 
 
 def _checked(name: str, values: Any) -> np.ndarray:
