@@ -535,6 +535,25 @@ def test_a_reader_that_goes_away_is_no_error():
     assert done.stderr == ""
 
 
+def test_the_race_is_fair(monkeypatch):
+    """Both run as often and are timed by their best; what SciPy's peer can know beforehand is not timed."""
+    from identification.bench import run as bench
+    from identification.bench import scipy_peer
+
+    ran = []
+
+    def told(name, function):
+        return lambda *run, **how: ran.append((name, how.get("rtol"), how.get("step_factor"))) or function(*run, **how)
+
+    monkeypatch.setattr(bench, "simulate", told("ours", bench.simulate))
+    monkeypatch.setattr(scipy_peer, "simulate", told("SciPy", scipy_peer.simulate))
+    bench.race(2, 0.2, 0.2)
+    reference, *timed = ran
+    assert reference == ("SciPy", 1e-13, None)
+    assert [timed.count(("SciPy", 1e-8, None)), *(timed.count(("ours", None, f)) for f in (1.0, 0.7))] == [6, 6, 6]
+    assert scipy_peer.restitution_curve.cache_info().currsize > 0
+
+
 def test_bench(tmp_path, monkeypatch, capsys):
     from identification.bench import run as bench
 
