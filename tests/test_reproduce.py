@@ -14,7 +14,18 @@ from cradle_env.synchronization import ENVELOPE_PERIODS
 from identification import cli
 from identification.experiment import Experiment
 from identification.posterior import Posterior
-from identification.reproduce import FIGURES, energy, exponent, impacts, judgements, numbers, resonance, strings, sweeps
+from identification.reproduce import (
+    FIGURES,
+    energy,
+    exponent,
+    impacts,
+    judgements,
+    models,
+    numbers,
+    resonance,
+    strings,
+    sweeps,
+)
 from identification.reproduce import bands as bands_module
 from identification.reproduce.contacts import overlaps
 from identification.reproduce.figure import (
@@ -65,6 +76,28 @@ def test_a_ring_down_gives_back_the_drag_that_acted():
     assert acted == pytest.approx(0.002 * (1 + 0.3 * 4 / 3))  # ends have one neighbour, the middle two
     assert found == pytest.approx(acted, rel=1e-3)  # gaps open by less than a thousandth of the range
     assert impacts.ring_down(3, "nsp")[0] > 1.01 * found  # strings take energy too
+
+
+# --- models: Fig. 3 ---------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("share", "verdict"), [((0.2, 0.2), HOLDS), ((0.2, 0.05), HOLDS_IF), ((0.05, 0.05), FAILS)], ids=str
+)
+def test_the_ripple_of_the_second_bob_is_judged_after_the_second_impact(share, verdict):
+    """Whatever it was before, whatever the first bob does, and though the stretch creeps."""
+    t = np.linspace(0, 4, 4001)
+    stretch = {"t [s]": t}
+    for start, part in zip(("unstretched", "hanging"), share, strict=True):
+        ripple = np.where(t < 0.84, 0.15, 0.5 * part) * np.sin(50 * t)
+        stretch[f"stretch of bob 2, {start} start [1]"] = 0.02 * (1 + ripple + 0.3 * (t - 1.1))
+        stretch[f"stretch of bob 1, {start} start [1]"] = 0.02 * np.ones_like(t)
+    hits = {f"{start} start [s]": np.array([0.28, 0.84, 1.39, 1.95]) for start in ("unstretched", "hanging")}
+    theta = {"t [s]": t, "theta_2, HO [rad]": np.sin(t), "theta_2, NSP [rad]": np.cos(t)}
+    theta = {key: np.append(column, column[-1] + 56 * (key == "t [s]")) for key, column in theta.items()}
+    claims = models.FIGURES[0].claims({"stretch": stretch, "impacts": hits, "theta": theta})
+    assert claims[1].verdict == verdict
+    assert verdict != HOLDS_IF or "starts unstretched, and" in claims[1].condition
 
 
 # --- strings: Fig. 4 --------------------------------------------------------------------------------------------
