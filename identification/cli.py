@@ -10,6 +10,7 @@ import os
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from io import TextIOWrapper
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -264,11 +265,20 @@ def sweep(
     """
     from identification import commands
     from identification.sweep import command
+    from identification.sweep.explore import AXES
 
     axes = tuple(over or ())
     fields = {"bobs": bobs, "model": model, "beta": beta, "kappa": kappa, "k_f": k_f, "b": b}
     cradle, release = commands.described(
-        source, fields, delta, effect or [], set_ or [], angle=release_angle, lifted=lifted, start=start, over=axes
+        source,
+        fields,
+        delta,
+        effect or [],
+        set_ or [],
+        angle=release_angle,
+        lifted=lifted,
+        start=start,
+        over=axes or tuple(AXES if explore else ()),
     )
     asked = command.Asked(axes, tuple(quantity or ("lambda",)), times, table, explore)
     with _kept(f"{out / 'runs.npy'} holds the runs that were finished, and the same command goes on from there"):
@@ -329,6 +339,9 @@ def warmup(seed: Annotated[int, typer.Option("--seed", hidden=True)] = 0, worker
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Runs the command; its exit status."""
+    for stream in (sys.stdout, sys.stderr):  # λ and δ become ? where a terminal cannot show them
+        if isinstance(stream, TextIOWrapper):
+            stream.reconfigure(errors="replace")
     try:
         return int(app(args=arguments, prog_name="cradle", standalone_mode=False) or 0)
     except _USAGE_ERROR as problem:

@@ -25,6 +25,7 @@ from identification.measurement import Instrument
 from identification.posterior import FORMAT as POSTERIOR_FORMAT
 from identification.posterior import Posterior
 from identification.runs import ReleaseInfo, Run, checked_noise
+from identification.sweep.grid import EXCLUSIVE, of_other_bobs
 from identification.terminal import Progress, print_table
 from identification.wording import convergence_verdict, model_verdict, number, ratio, rounding_of, shown, unit_plain
 
@@ -49,6 +50,7 @@ def described(
 ) -> tuple[Cradle, Release]:
     """The cradle and the release that a command line describes; None: as in the source file, or the default. What the
     source leaves open, and what is taken for it, is told on stderr. over: "name=values" of what is swept."""
+    swept = {text.partition("=")[0] for text in over}
     cradle, release, unstated = Cradle(), Release(angle=_ANGLE), ()
     if source is not None:
         experiment = Experiment.load(source)
@@ -56,7 +58,7 @@ def described(
         cradle, unstated = experiment.cradle_of(run), experiment.unknown_effect_parameters
         if run.release is not None:
             release = run.release.release
-        elif angle is None and not any(text.startswith(("release_angle=", "gamma=")) for text in over):
+        elif angle is None and not swept & {"release_angle", "gamma"}:
             told = f"the first run of {source} states no release; {_ANGLE:g} rad is taken"
             print(f"cradle: {told}; --release-angle states another", file=sys.stderr)
     values = {name: value for name, value in fields.items() if value is not None}
@@ -74,20 +76,25 @@ def described(
     beta = values.pop("beta", None)
     if beta is not None and "kappa" in values:
         raise ValueError("both beta and kappa are given; beta sets kappa, so give one of them")
+    stated = {name for name, value in {**fields, "release_angle": angle}.items() if value is not None}
+    for one, other in (ends for pair in EXCLUSIVE for ends in (pair, pair[::-1])):
+        if one in stated and other in swept:
+            raise ValueError(f"{one} is given and {other} is swept, which set the same; leave one out")
     if source is None and beta is None and "kappa" not in values:
         beta = STANDARD_BETA  # of the masses and lengths that are set here
-    cradle = cradle.replace(beta=beta, **values)
+    stated_of, cradle = cradle.bobs, cradle.replace(beta=beta, **values)
     for name in unstated:
         of, _, key = name.partition(".")
-        if cradle.has(of) and not any(text.startswith(f"{name}=") for text in (*effects, *over)):
+        if cradle.has(of) and name not in swept and not any(text.startswith(f"{name}=") for text in effects):
             unit = next(p.unit for p in effect(of).parameters if p.key == key)
             told = f"{source} states no {name}; {cradle.effects[of][key]} {unit_plain(unit)}".rstrip() + " is taken"
             print(f"cradle: {told}; --effect {name}=VALUE states another", file=sys.stderr)
     if lifted is not None:
         angle = release.lead(cradle)[1] if angle is None else angle
         release = Release(angle=angle, bobs=lifted, start=release.start)
-    elif angle is not None:
-        release = release.lifted_to(angle, cradle)
+    else:
+        release = of_other_bobs(release, stated_of, cradle.bobs)
+        release = release if angle is None else release.lifted_to(angle, cradle)
     return cradle, release if start is None else dataclasses.replace(release, start=start)
 
 
@@ -125,7 +132,8 @@ def _with_effects(known: Mapping[str, Mapping[str, Any]], texts: Sequence[str]) 
             raise ValueError(f"--effect {text}: expected NAME.KEY=VALUE, as quadratic_drag.c2=0.002, or -NAME")
         entry = effects.setdefault(name, {})
         if equals:
-            entry[key] = _number(f"--effect {address}", value)
+            numbers = tuple(_number(f"--effect {address}", part) for part in value.split(","))
+            entry[key] = numbers[0] if len(numbers) == 1 else numbers
     return effects
 
 
@@ -183,7 +191,7 @@ def calibrate(
     from identification.calibration import calibrate as run
 
     check_report(out, "calibrate")
-    check_own(out, (results.SUMMARY,), results.SUMMARY, POSTERIOR_FORMAT)
+    check_own(out, (results.SUMMARY, *results.CALIBRATION_FILES), results.SUMMARY, POSTERIOR_FORMAT)
     experiment = Experiment.load(path)
     with Progress() as progress:
         posterior = run(
@@ -204,9 +212,10 @@ def calibrate(
 def diagnose(path: Path, out: Path, seed: int, workers: int | None) -> None:
     """Diagnoses an experiment and writes what was found."""
     from identification.diagnose import diagnose as run
-    from identification.diagnose.report import save, sentence
+    from identification.diagnose.report import check_folder, save, sentence
 
     check_report(out, "diagnose")
+    check_folder(out)
     experiment = Experiment.load(path)
     with Progress() as progress:
         diagnosis = run(experiment, out=out, seed=seed, workers=workers, progress=progress)
@@ -278,6 +287,7 @@ def predict(
 ) -> None:
     """Predicts σ(t) and λ from a calibration and writes them."""
     file = _posterior_file(folder)
+    check_own(out, (results.PREDICTION, *results.PREDICTION_FILES), results.PREDICTION, results.PREDICTION_FORMAT)
     with Progress() as progress:
         progress("load", None)
         posterior = dataclasses.replace(Posterior.load(file, workers), seed=seed)

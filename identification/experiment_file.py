@@ -48,9 +48,10 @@ def read_experiment(
         table.only(_RUN_KEYS)
         file = table.string("file")
         if file not in recordings:
-            if not os.path.isfile(path.parent / file):
-                raise table.refuse(f"there is no file {str(path.parent / file)!r}; name the data to read", "file")
-            recordings[file] = read_recording(path.parent / file, cradle.bobs)
+            data = path.parent / os.path.expanduser(file)
+            if not os.path.isfile(data):
+                raise table.refuse(f"there is no file {str(data)!r}; name the data to read", "file")
+            recordings[file] = read_recording(data, cradle.bobs)
         run = _read_run(table, file, recordings[file], cradle)
         _check_magnitudes(recordings[file], cradle, infer.get("length"))
         runs.append(run)

@@ -42,8 +42,11 @@ def read_text(path: Path) -> tuple[str, bytes]:
 
 def check_own(folder: Path, names: Iterable[str], stamp: str, formats: str) -> None:
     """ExperimentError where a folder holds a file of these names that is not ours to replace: the JSON file that our
-    command writes beside it, its stamp, is not there, not of this format, or lists the file otherwise or not at all."""
-    content = _stamped(folder / stamp, formats)
+    command writes beside it, its stamp, is not there, not of this format, or lists the file otherwise or not at all;
+    or where the folder is a file."""
+    if folder.exists() and not folder.is_dir():
+        raise ExperimentError(f"{folder}: is a file; name a folder for the results")
+    content = stamped(folder / stamp, formats)
 
     def ours(name: str) -> bool:
         if content is None or name == stamp:
@@ -55,13 +58,18 @@ def check_own(folder: Path, names: Iterable[str], stamp: str, formats: str) -> N
             raise ExperimentError(f"{folder / name}: exists and is no result of this command; choose another --out")
 
 
-def listing(folder: Path, names: Iterable[str], stamp: str, formats: str) -> dict[str, str]:
-    """What a stamp lists as `files`: the SHA-256 of these, just written, and of those that it has listed before."""
-    earlier = (_stamped(folder / stamp, formats) or {}).get("files", {})
-    return {**earlier, **{name: _sha256(folder / name) for name in names}}
+def write_listed(
+    folder: Path, files: Mapping[str, str | bytes | Path], stamp: str, content: Mapping[str, Any]
+) -> dict[str, Any]:
+    """Writes files by name and, last, the stamp, which lists them and what it has listed before as `files`, by their
+    SHA-256; returns its content. A Path is a file to be moved there."""
+    earlier = (stamped(folder / stamp, content["format"]) or {}).get("files", {})
+    content = {**content, "files": {**earlier, **{name: _sha256(data) for name, data in files.items()}}}
+    write_together(folder, {**files, stamp: json_text(content)})
+    return content
 
 
-def _stamped(path: Path, formats: str) -> dict[str, Any] | None:
+def stamped(path: Path, formats: str) -> dict[str, Any] | None:
     """The content of a JSON file of this format; None where there is no such file."""
     try:
         content = json.loads(path.read_text(encoding="utf-8"))
@@ -70,9 +78,11 @@ def _stamped(path: Path, formats: str) -> dict[str, Any] | None:
         return None
 
 
-def _sha256(path: Path) -> str:
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
+def _sha256(data: str | bytes | Path) -> str:
+    if isinstance(data, Path):
+        with data.open("rb") as file:
+            return hashlib.file_digest(file, "sha256").hexdigest()
+    return hashlib.sha256(data.encode() if isinstance(data, str) else data).hexdigest()
 
 
 #: The commands that write a report.html, by what else each leaves in its folder.
@@ -112,15 +122,28 @@ def write_json(path: Path, content: Mapping[str, Any]) -> Path:
     return write(path, json_text(content))
 
 
-def write_together(directory: Path, texts: Mapping[str, str | bytes]) -> None:
-    """Writes files, by name, into a directory: all to temporary names first, then renamed in the order given."""
+def write_together(directory: Path, files: Mapping[str, str | bytes | Path]) -> None:
+    """Writes files, by name, into a directory: all to temporary names first, then renamed in the order given, which
+    Ctrl-C does not stop half-way. A Path is a file to be moved there."""
     directory.mkdir(parents=True, exist_ok=True)
-    temporary = {name: directory / f".{name}.{os.getpid()}" for name in texts}
+    temporary = {name: directory / f".{name}.{os.getpid()}" for name in files}
+
+    def rename() -> None:
+        for name in files:
+            if temporary[name].exists():
+                temporary[name].replace(directory / name)
+
     try:
-        for name, text in texts.items():
-            temporary[name].write_bytes(text.encode("utf-8") if isinstance(text, str) else text)
-        for name in texts:
-            temporary[name].replace(directory / name)
+        for name, data in files.items():
+            if isinstance(data, Path):
+                data.replace(temporary[name])
+            else:
+                temporary[name].write_bytes(data.encode() if isinstance(data, str) else data)
+        try:
+            rename()
+        except KeyboardInterrupt:
+            rename()
+            raise
     finally:
         for file in temporary.values():
             file.unlink(missing_ok=True)

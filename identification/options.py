@@ -27,7 +27,10 @@ KF = Annotated[float | None, typer.Option("--k-f", help="k_f in N s m^-3/2.", sh
 B = Annotated[float | None, typer.Option("--b", help="Linear drag in kg/s.", show_default=False)]
 Effects = Annotated[
     list[str] | None,
-    typer.Option(metavar="NAME.KEY=VALUE", help="An effect's parameter; =-NAME takes one out. Repeat at will."),
+    typer.Option(
+        metavar="NAME.KEY=VALUE",
+        help="An effect's parameter; as 0.1,-0.1 for each bob or gap; =-NAME takes one out. Repeat at will.",
+    ),
 ]
 Settings = Annotated[
     list[str] | None,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
@@ -14,15 +15,19 @@ from cradle_env.synchronization import ENVELOPE_PERIODS, check_duration, window_
 from cradle_env.trajectory import Trajectory
 from identification.csv_data import csv_text
 from identification.experiment import Experiment
-from identification.files import listing, write, write_json, write_together
+from identification.files import write_listed
 from identification.posterior import Posterior, Prediction
 from identification.style import png
 
 #: Told before each picture: how much is done, and what comes.
 Tell = Callable[[float, str], None]
 
-#: What a run or a calibration ends with, and the format of a run's; and what else a run leaves.
+#: What a run or a calibration ends with, and the format of a run's; and what else each leaves.
 SUMMARY, RUN_FORMAT, RUN_FILES = "summary.json", "cradle-run/1", ("trajectory.csv", "impacts.csv", "run.png")
+CALIBRATION_FILES = ("posterior.nc", "corner.png", "fit.png", "residuals.png", "lambda.png", "report.html")
+#: The same of a prediction.
+PREDICTION, PREDICTION_FORMAT = "prediction.json", "cradle-prediction/1"
+PREDICTION_FILES = ("prediction.csv", "prediction.png")
 
 
 def table_text(columns: Mapping[str, np.ndarray]) -> str:
@@ -86,10 +91,7 @@ def save_run(
     table = table_text({label: run.impacts[name] for label, name in impacts.items()})
     made = (csv_text(run.t, run.theta, "theta"), table, png(run_figure(run)))
     files = {**dict(zip(RUN_FILES, made, strict=True)), **({} if experiment is None else experiment.texts())}
-    write_together(folder, files)
-    summary["files"] = listing(folder, files, SUMMARY, RUN_FORMAT)
-    write_json(folder / SUMMARY, summary)
-    return summary
+    return write_listed(folder, files, SUMMARY, summary)
 
 
 def save_calibration(posterior: Posterior, folder: Path, tell: Tell = lambda *_: None) -> dict[str, Any]:
@@ -97,26 +99,21 @@ def save_calibration(posterior: Posterior, folder: Path, tell: Tell = lambda *_:
     from identification import plots
     from identification.report import calibration_html
 
-    folder.mkdir(parents=True, exist_ok=True)
     summary = posterior.summary()
-    posterior.save(folder / "posterior.nc")
-    draw = {
-        "corner.png": plots.corner_figure,
-        "fit.png": plots.fit_figure,
-        "residuals.png": plots.residual_figure,
-        "lambda.png": plots.lambda_figure,
-    }
+    data, *names, report = CALIBRATION_FILES
+    figures = (plots.corner_figure, plots.fit_figure, plots.residual_figure, plots.lambda_figure)
+    draw = dict(zip(names, figures, strict=True))
     if not posterior.synchronizes:
         del draw["lambda.png"]
     pictures: dict[str, bytes] = {}
     for name, figure in draw.items():
         tell(len(pictures) / len(draw), name)
         pictures[name] = png(figure(posterior))
-    for name, picture in pictures.items():
-        write(folder / name, picture)
-    write(folder / "report.html", calibration_html(posterior, summary, pictures))
-    write_json(folder / SUMMARY, summary)
-    return summary
+    page = calibration_html(posterior, summary, pictures)
+    folder.mkdir(parents=True, exist_ok=True)
+    with TemporaryDirectory(dir=folder) as scratch:
+        saved = posterior.save(Path(scratch) / data)
+        return write_listed(folder, {data: saved, **pictures, report: page}, SUMMARY, summary)
 
 
 def save_prediction(prediction: Prediction, folder: Path, *, posterior: Posterior, seed: int) -> dict[str, Any]:
@@ -127,7 +124,7 @@ def save_prediction(prediction: Prediction, folder: Path, *, posterior: Posterio
     end, angle = prediction.release.lead(prediction.cradle)
     fit = posterior.summary()
     content = {
-        "format": "cradle-prediction/1",
+        "format": PREDICTION_FORMAT,
         "version": __version__,
         "seed": seed,
         "inputs": posterior.experiment.digest,
@@ -146,7 +143,5 @@ def save_prediction(prediction: Prediction, folder: Path, *, posterior: Posterio
     columns = {"t [s]": prediction.t, "sigma_median": bands["median"]}
     for name in ("ci68", "ci95"):
         columns |= {f"sigma_{name}_low": bands[name][0], f"sigma_{name}_high": bands[name][1]}
-    write(folder / "prediction.csv", table_text(columns))
-    write(folder / "prediction.png", png(prediction_figure(prediction)))
-    write_json(folder / "prediction.json", content)
-    return content
+    made = (table_text(columns), png(prediction_figure(prediction)))
+    return write_listed(folder, dict(zip(PREDICTION_FILES, made, strict=True)), PREDICTION, content)

@@ -35,9 +35,9 @@ def scaffold(data_csv: Path, out: Path | None = None, *, overwrite: bool = False
         out = out / FILE_NAME
     if out.resolve() == data_csv.resolve():
         raise ExperimentError(f"{out}: these are the data; name another file for what describes them")
+    recording = read_recording(data_csv)
     if out.exists() and not overwrite:
         raise ExperimentError(f"{out}: exists already; name another file, or say that it may be overwritten")
-    recording = read_recording(data_csv)
     if np.isnan(recording.readings).all():
         raise ExperimentError(f"{data_csv}: holds no reading at all; each row needs a value or more")
     name = _relative(data_csv, out.parent)

@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+import os
 import signal
 import subprocess
 import sys
@@ -13,6 +14,7 @@ from cradle_env import Cradle, Release, simulate
 from identification import cli
 from identification.experiment import Experiment
 from identification.posterior import Posterior
+from identification.runs import ReleaseInfo
 from identification.sweep import Grid
 from identification.sweep import command as sweep_command
 from tests.synthetic import made_up_posterior, simulated_run
@@ -85,6 +87,7 @@ def calibrated(pair, tmp_path_factory):
         (["simulate", "--out", "o", "--from", "none.toml"], "none.toml: no such file"),
         (["simulate", "--out", "file.txt"], "file.txt"),
         (["new", "none.csv", "--out", "new.toml"], "none.csv: no such file"),
+        (["new", "none.csv"], "none.csv: no such file"),
         (["new", "file.txt", "--out", "new.toml"], "file.txt"),
         (["new", "run1.csv", "--out", "run1.csv", "--overwrite"], "run1.csv: these are the data"),
         (["calibrate", "none.toml", "--out", "o"], "none.toml: no such file"),
@@ -110,7 +113,14 @@ def calibrated(pair, tmp_path_factory):
         (["sweep", "--out", "o", "--over", "beta=0.1:0.2:500", "--explore"], "at most 416"),
         (["sweep", "--out", "o", "--over", "beta=0.1", "--model", "none.toml"], "none.toml"),
         (["sweep", "--out", "file.txt", "--over", "beta=0.1"], "file.txt"),
+        (["sweep", "--out", "o", "--over", "beta=0.1", "--kappa", "200"], "kappa is given and beta is swept"),
+        (["sweep", "--out", "o", "--explore", "--kappa", "200"], "kappa is given and beta is swept"),
+        (["sweep", "--out", "o", "--over", "kappa=200", "--beta", "0.1"], "beta is given and kappa is swept"),
+        (["sweep", "--out", "o", "--over", "gamma=0.01", "--release-angle", "0.1"], "release_angle is given and gamma"),
         (["bench", "--duration", "0"], "--duration"),
+        (["bench", "--duration", "inf"], "duration is inf s"),
+        (["simulate", "--out", "o", "--effect", "mass_mismatch.relative=0.1,0.1,x"], "'x', which is not a number"),
+        (["simulate", "--out", "o", "--effect", "quadratic_drag.c2=0.1,0.2"], "c2 takes one number"),
     ],
     ids=lambda value: " ".join(value) if isinstance(value, list) else "",
 )
@@ -239,6 +249,21 @@ def test_effects_are_taken_out_and_beta_is_of_the_lengths_set(tmp_path):
     assert cradle["groups"]["beta"] == pytest.approx(0.114)
 
 
+def test_a_parameter_of_each_bob_is_given_as_a_list(tmp_path):
+    command = ["simulate", "--bobs", 2, "--effect", "mass_mismatch.relative=0.1,-0.1", "--duration", 1]
+    assert run(*command, "--out", tmp_path) == 0
+    cradle = json.loads((tmp_path / "summary.json").read_text())["cradle"]
+    assert cradle["effects"]["mass_mismatch"]["relative"] == [0.1, -0.1]
+
+
+def test_a_terminal_without_greek_is_no_error(tmp_path):
+    code = "import sys; from identification import cli; from identification.terminal import print_table as show\n"
+    code += "cli.app = lambda **_: show(['λ [1/s]'], [['δ = −0.1']])\nsys.exit(cli.main())"
+    environment = os.environ | {"PYTHONIOENCODING": "cp1252", "PYTHONUTF8": "0"}
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, env=environment)
+    assert (done.returncode, done.stderr) == (0, b"") and b"? [1/s]" in done.stdout
+
+
 def test_what_the_source_leaves_open_is_told(tmp_path, capsys):
     cradle = Cradle(bobs=2, effects={"quadratic_drag": {"c2": 0.01}})
     free = simulated_run(cradle, duration=2.0, state="free", release=None)
@@ -256,6 +281,18 @@ def test_what_the_source_leaves_open_is_told(tmp_path, capsys):
     swept = ["--over", "release_angle=0.1,0.2", "--over", "quadratic_drag.c2=0.01,0.02", "--duration", 2]
     assert run("sweep", "--from", path, *swept, "--out", tmp_path / "swept") == 0
     assert capsys.readouterr().err == ""
+
+
+def test_angles_of_a_source_are_scaled_or_stay_with_their_bobs(tmp_path, capsys):
+    cradle, release = Cradle(bobs=2), Release(angles={1: -0.2, 2: 0.1})
+    run_of = simulated_run(cradle, duration=2.0, release=ReleaseInfo(release))
+    command = ["simulate", "--from", Experiment(cradle, (run_of,)).save(tmp_path), "--duration", 1, "--out"]
+    assert run(*command, tmp_path / "o", "--release-angle", 0.05) == 0
+    stated = json.loads((tmp_path / "o" / "summary.json").read_text())["release"]
+    assert stated["angles"] == pytest.approx({"1": -0.1, "2": 0.05})
+    assert run(*command, tmp_path / "o", "--bobs", 3) == 2
+    assert "bobs is 3, but the release states angles of bobs 1, 2 of 2" in refusal(capsys)
+    assert run(*command, tmp_path / "o", "--bobs", 3, "--lifted", 1) == 0
 
 
 def test_a_model_with_a_value_per_gap_is_put_on_as_many_bobs_as_are_asked_for(tmp_path):
@@ -296,11 +333,45 @@ def test_a_sweep_replaces_only_its_own_tables(tmp_path, capsys):
     for table in ("sweep.csv", "t.csv", "sweep.csv"):
         assert run(*command, table) == 0
     capsys.readouterr()
-    for table in ("run1.csv", "t.csv"):
-        (tmp_path / table).write_text("measured")
+    for name, table in (("run1.csv", "run1.csv"), ("t.csv", "t.csv"), ("sweep.png", "sweep.csv")):
+        (tmp_path / name).write_text("mine")
         assert run(*command, table) == 2
-        assert f"{table}: exists and is no result of this command" in refusal(capsys)
-        assert (tmp_path / table).read_text() == "measured"
+        assert f"{name}: exists and is no result of this command" in refusal(capsys)
+        assert (tmp_path / name).read_text() == "mine"
+
+
+@pytest.mark.parametrize(
+    ("command", "names"),
+    [
+        (["sweep", "--over", "delta=0", "--explore"], ["runs.npy", "sweep.png", "explore.html", "sweep.csv"]),
+        (["calibrate", "experiment.toml"], ["fit.png", "posterior.nc", "lambda.png"]),
+        (["diagnose", "experiment.toml"], ["report.html", "model.toml", "diagnosis.json"]),
+        (["design", "experiment.toml"], ["report.html", "design.png"]),
+        (["predict", "calibrated"], ["prediction.csv", "prediction.png"]),
+        (["bench"], ["bench.json"]),
+        (["reproduce"], ["claims.md"]),
+    ],
+    ids=lambda value: value[0],
+)
+def test_what_a_command_has_not_written_is_refused_before_any_work(
+    command, names, pair, calibrated, tmp_path, monkeypatch, capsys
+):
+    """And so is a file where the folder should be."""
+    monkeypatch.chdir(tmp_path)
+    pair.save(tmp_path)
+    (tmp_path / "calibrated").symlink_to(calibrated)
+    for module in ("fit.find_mode", "posterior.Posterior.load", "bench.run.race", "sweep.engine.simulate"):
+        monkeypatch.setattr(f"identification.{module}", lambda *_, **__: pytest.fail("worked"))
+    for name in names:
+        out = tmp_path / f"beside-{name}"
+        out.mkdir()
+        (out / name).write_text("mine")
+        assert run(*command, "--out", out) == 2
+        said = refusal(capsys)
+        assert name in said or "holds the report of" in said
+        assert [(path.name, path.read_text()) for path in out.iterdir()] == [(name, "mine")]
+    assert run(*command, "--out", out / name) == 2
+    assert "is a file; name a folder" in refusal(capsys)
 
 
 def test_sweep_tells_what_was_never_reached(tmp_path, capsys):
@@ -476,6 +547,25 @@ def test_a_reader_that_goes_away_is_no_error():
     command = f"'{sys.executable}' -m identification simulate --help | true"
     done = subprocess.run(["bash", "-c", command], capture_output=True, text=True)
     assert done.stderr == ""
+
+
+def test_the_race_is_fair(monkeypatch):
+    """Both run as often and are timed by their best; what SciPy's peer can know beforehand is not timed."""
+    from identification.bench import run as bench
+    from identification.bench import scipy_peer
+
+    ran = []
+
+    def told(name, function):
+        return lambda *run, **how: ran.append((name, how.get("rtol"), how.get("step_factor"))) or function(*run, **how)
+
+    monkeypatch.setattr(bench, "simulate", told("ours", bench.simulate))
+    monkeypatch.setattr(scipy_peer, "simulate", told("SciPy", scipy_peer.simulate))
+    bench.race(2, 0.2, 0.2)
+    reference, *timed = ran
+    assert reference == ("SciPy", 1e-13, None)
+    assert [timed.count(("SciPy", 1e-8, None)), *(timed.count(("ours", None, f)) for f in (1.0, 0.7))] == [6, 6, 6]
+    assert scipy_peer.restitution_curve.cache_info().currsize > 0
 
 
 def test_bench(tmp_path, monkeypatch, capsys):

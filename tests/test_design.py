@@ -17,7 +17,7 @@ from identification.diagnose.design_report import check_folder
 from identification.diagnose.fitted import with_known_noise
 from identification.diagnose.planned import Instrument, Planned, Setting, View, log_bayes
 from identification.diagnose.search import Searcher, Store
-from identification.files import listing
+from identification.files import write_listed
 from tests.independent.laboratory import record, write_experiment
 from tests.independent.soft_contact import SoftCradle
 
@@ -188,9 +188,7 @@ def test_a_plan_that_was_corrected_is_not_replaced(tmp_path):
     (tmp_path / "experiment.toml").write_text("planned", encoding="utf-8")
     with pytest.raises(ValueError, match="no result of this command"):
         check_folder(tmp_path)  # it may be of the data
-    stamp = tmp_path / "design.json"
-    files = listing(tmp_path, ["experiment.toml"], "design.json", FORMAT)
-    stamp.write_text(json.dumps({"format": FORMAT, "files": files}), encoding="utf-8")
+    write_listed(tmp_path, {"experiment.toml": "planned"}, "design.json", {"format": FORMAT})
     check_folder(tmp_path)
     (tmp_path / "experiment.toml").write_text("planned, and corrected", encoding="utf-8")
     with pytest.raises(ValueError, match="no result of this command"):

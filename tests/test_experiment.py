@@ -269,6 +269,14 @@ def test_refusals_name_place_and_remedy(load, name):
         assert fragment in message, message
 
 
+def test_data_may_be_at_home(load, tmp_path, monkeypatch):
+    """The shell that makes ~ of it is not there when a file is read."""
+    (tmp_path / "home").mkdir()
+    (tmp_path / "home" / "run.csv").write_text(CSV)
+    monkeypatch.setenv("HOME", str(tmp_path / "home"))
+    assert load(TOML.replace('"run1.csv"', '"~/run.csv"')).runs[0].readings.shape == load(TOML).runs[0].readings.shape
+
+
 def test_missing_files_and_folders_are_refused(tmp_path):
     with pytest.raises(ExperimentError, match=r"nowhere\.toml: no such file"):
         Experiment.load(tmp_path / "nowhere.toml")

@@ -42,6 +42,14 @@ def test_restitution_curve_is_the_integration() -> None:
         assert curve(speed) == pytest.approx(scipy_peer.kk_pair(scale * speed**0.2)[0], abs=1e-12)
 
 
+def test_the_chain_is_as_good_as_its_tolerance_says_to_two_digits() -> None:
+    exact, *found = (
+        scipy_peer.kk_chain(scipy_peer.Peer(5), 0.391, np.ones(3), rtol, 0.01 * rtol) for rtol in (3e-14, 1e-12, 1e-10)
+    )
+    tight, loose = (np.abs(impulses - exact).max() for impulses in found)
+    assert tight < 1e-10 < loose < 1e-8
+
+
 @pytest.mark.parametrize(
     "velocities", [[-0.0612, 0.0906, 0.9706], [-0.0614, -0.0227, -0.0069, 0.1412, 0.9499]], ids=["3", "5"]
 )

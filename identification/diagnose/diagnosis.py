@@ -23,6 +23,7 @@ from identification.diagnose.unseen import Unseen, unseen
 from identification.experiment import Experiment
 from identification.toml_file import toml_key, toml_text
 
+FORMAT = "cradle-diagnosis/1"
 VERDICTS = ("nothing_missing", "named", "equivalent", "unknown")
 
 
@@ -147,7 +148,7 @@ class Diagnosis:
         last = self.repaired.last
         doubtful = {name for names in self.equivalent for name in names}
         return {
-            "format": "cradle-diagnosis/1",
+            "format": FORMAT,
             "version": __version__,
             "seed": self.seed,
             "inputs": self.experiment.digest,

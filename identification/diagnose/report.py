@@ -10,7 +10,7 @@ from typing import Any
 
 from cradle_env.effects import effect
 from identification.diagnose.candidates import one_sided
-from identification.diagnose.diagnosis import Diagnosis
+from identification.diagnose.diagnosis import FORMAT, Diagnosis
 from identification.diagnose.pictures import (
     candidates_figure,
     comparison_figure,
@@ -18,18 +18,24 @@ from identification.diagnose.pictures import (
     law_figure,
     map_figure,
 )
-from identification.files import json_text, write_together
+from identification.files import check_own, write_listed
 from identification.page import page
 from identification.style import png
 from identification.wording import Rounding, markup, number, ratio, unit_markup
+
+_STAMP, _FILES = "diagnosis.json", ("report.html", "model.toml")
+
+
+def check_folder(folder: Path) -> None:
+    """ExperimentError where a folder holds files that a diagnosis would replace and has not written."""
+    check_own(folder, (_STAMP, *_FILES), _STAMP, FORMAT)
 
 
 def save(diagnosis: Diagnosis, folder: Path) -> dict[str, Any]:
     """Writes report.html, model.toml and, last, diagnosis.json, whose content it returns."""
     content = diagnosis.content()
-    texts = {"report.html": html(diagnosis, content), "model.toml": diagnosis.model_toml()}
-    write_together(folder, {**texts, "diagnosis.json": json_text(content)})
-    return content
+    texts = (html(diagnosis, content), diagnosis.model_toml())
+    return write_listed(folder, dict(zip(_FILES, texts, strict=True)), _STAMP, content)
 
 
 def html(diagnosis: Diagnosis, content: Mapping[str, Any]) -> str:

@@ -33,10 +33,25 @@ def calibrate_example(folder: Path, seed: int, workers: int | None, progress: Pr
     run = simulate(cradle, STANDARD_RELEASE, _DURATION, _RATE)
     readings = run.theta + _NOISE * np.random.default_rng(seed).standard_normal(run.theta.shape)
     seen = Run(run.t, readings, release=ReleaseInfo(STANDARD_RELEASE, angle_sd=1e-3), delta=0.0, noise=_NOISE)
-    chains = folder / program(cradle.composition)  # those of another program are not gone on with
-    posterior = calibrate(Experiment(cradle, (seen,)), out=chains, seed=seed, workers=workers, progress=progress)
-    posterior.save(folder / "posterior.nc")
+    # A folder of its own: chains of another program are not gone on with, no other calibration is replaced.
+    own = folder / program(cradle.composition)
+    posterior = calibrate(Experiment(cradle, (seen,)), out=own, seed=seed, workers=workers, progress=progress)
+    posterior.save(own / "posterior.nc")
     return posterior
+
+
+def check_posterior(posterior: Posterior) -> None:
+    """ValueError where what was calibrated cannot be swept: where it has a value for each bob, say."""
+    for parameter in PARAMETERS:
+        for bobs in BOBS:
+            _cradle(posterior, parameter.name, bobs)
+
+
+def _cradle(posterior: Posterior, swept: str, bobs: int) -> Cradle:
+    """The cradle that was calibrated, of so many bobs, for the sweep of a parameter."""
+    calibrated = posterior.experiment.cradle_of(posterior.experiment.runs[0])
+    law = (PUBLISHED_ALPHA, PUBLISHED_N) if swept == "alpha" else calibrated.power_law
+    return calibrated.replace(bobs=bobs, delta=float(np.mean(calibrated.delta)), power_law=law)
 
 
 def _data(study: Study) -> Tables:
@@ -48,7 +63,6 @@ def _data(study: Study) -> Tables:
         for k, u in enumerate(posterior.unknowns)
         if not u.nuisance and "[" not in u.name
     }
-    calibrated = posterior.experiment.cradle_of(posterior.experiment.runs[0])
     tables: dict[str, dict[str, np.ndarray]] = {"draws": dict(drawn)}
     for parameter in PARAMETERS:
         count = study.values // 2 if parameter.denser > 1 else max(8, study.values // 10)
@@ -56,9 +70,8 @@ def _data(study: Study) -> Tables:
         kept = {name: column for name, column in drawn.items() if name != _SETS.get(parameter.name)}
         columns = {parameter.name: values}
         for bobs in BOBS:
-            law = (PUBLISHED_ALPHA, PUBLISHED_N) if parameter.name == "alpha" else calibrated.power_law
-            cradle = calibrated.replace(bobs=bobs, delta=float(np.mean(calibrated.delta)), power_law=law)
-            swept = study.sweep(f"{parameter.name}-N{bobs}", {"draw": kept, parameter.name: values}, cradle)
+            axes = {"draw": kept, parameter.name: values}
+            swept = study.sweep(f"{parameter.name}-N{bobs}", axes, _cradle(posterior, parameter.name, bobs))
             q = np.nanquantile(swept["lambda"], (0.0, 0.16, 0.5, 0.84, 1.0), axis=0)
             for label, column in zip(_LABELS, q, strict=True):
                 columns[f"lambda {label}, N = {bobs} [1/s]"] = column
@@ -86,4 +99,6 @@ def _draw(tables: Tables) -> matplotlib.figure.Figure:
     return figure
 
 
-FIGURE = Figure("bands", f"λ with bands of a calibration, {_DRAWS} draws, released at {ANGLE} rad", _data, _draw)
+FIGURE = Figure(
+    "bands", f"λ with bands of a calibration, {_DRAWS} draws, released at {ANGLE} rad", _data, _draw, calibrated=True
+)

@@ -9,7 +9,7 @@ import numpy as np
 
 from cradle_env.cradle import Cradle, Release
 from cradle_env.simulation import simulate
-from cradle_env.synchronization import WINDOW
+from cradle_env.synchronization import ENVELOPE_PERIODS, WINDOW
 from identification.reproduce.figure import ANGLE, BOBS, Claim, Figure, Study, Tables
 from identification.style import BLUE, RED, SKY, quiet_grid
 
@@ -44,11 +44,12 @@ def _draw(tables: Tables) -> matplotlib.figure.Figure:
     panels = figure.subplots(2, 3, sharex=True, sharey="row")
     table = tables["sigma"]
     t = table["t [s]"]
-    inside = t > WINDOW[0]
+    whole = t <= t[-1] - 0.5 * ENVELOPE_PERIODS * Cradle().period  # beyond, envelopes are cut off
+    inside = whole & (t > WINDOW[0])
     for row, start in zip(panels, _STARTS, strict=True):
         for axes, bobs, rate in zip(row, BOBS, tables["lambda"][f"lambda, {start} start [1/s]"], strict=True):
             sigma = table[f"sigma, N = {bobs}, {start} start"]
-            axes.plot(t, sigma, color=RED, label="σ")
+            axes.plot(t[whole], sigma[whole], color=RED, label="σ")
             axes.plot(t, np.exp(-rate * t), color=RED, linestyle=(0, (5, 1.5)), label="exp(−λt)")
             axes.set(title=f"N = {bobs}, {start} start: λ = {rate:.4f} s$^{{-1}}$", ylim=(0.0, 1.02), xlim=(0, t[-1]))
             axes.tick_params(axis="y", labelcolor=RED)
@@ -63,7 +64,7 @@ def _draw(tables: Tables) -> matplotlib.figure.Figure:
                 axes.set_ylabel("σ", color=RED)
             if bobs == BOBS[-1]:
                 right.set_ylabel("$t^{-1}$ ln σ$^{-1}$ and λ [s$^{-1}$]", color=BLUE)
-            if row is panels[0] and bobs == BOBS[0]:
+            if start == _STARTS[0] and bobs == BOBS[0]:
                 lines = [*axes.get_lines(), *right.get_lines()]
                 right.legend(lines, [str(line.get_label()) for line in lines], loc="upper right")
     for axes in panels[-1]:

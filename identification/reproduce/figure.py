@@ -94,7 +94,8 @@ class Study:
 
 @dataclass(frozen=True)
 class Figure:
-    """A figure by its name. `needs` names the figures whose tables `data` reads from the study."""
+    """A figure by its name. `needs` names the figures whose tables `data` reads from the study; calibrated: whether it
+    reads the posterior, too."""
 
     name: str
     title: str
@@ -102,3 +103,4 @@ class Figure:
     draw: Callable[[Tables], matplotlib.figure.Figure]
     claims: Callable[[Tables], Sequence[Claim]] = lambda _: ()
     needs: tuple[str, ...] = ()
+    calibrated: bool = False

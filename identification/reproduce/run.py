@@ -15,21 +15,31 @@ from typing import Any
 
 import numpy as np
 
-import cradle_env
 from cradle_env import __version__
 from cradle_env.errors import check_range, unknown_key
-from identification.files import ExperimentError, read_text
+from identification.files import (
+    ExperimentError,
+    check_own,
+    json_text,
+    read_text,
+    stamped,
+    write,
+    write_json,
+    write_together,
+)
+from identification.fingerprint import program
 from identification.posterior import Posterior
 from identification.reproduce import FIGURES
-from identification.reproduce.bands import calibrate_example
-from identification.reproduce.figure import FAILS, HOLDS_IF, Claim, Figure, Study, Tables
-from identification.results import table_text, write, write_json
+from identification.reproduce.bands import calibrate_example, check_posterior
+from identification.reproduce.figure import FAILS, HOLDS_IF, Claim, Figure, Study, Table, Tables
+from identification.results import table_text
 from identification.style import pdf, png, styled
 
 Progress = Callable[[str, float | None, str], None]
 FORMAT, CLAIMS_FORMAT = "cradle-figure/1", "cradle-claims/1"
-# Written last into a figure's folder: the figure is done.
+# In a figure's folder: lists the files that are ours and, written last, says that the figure is done.
 _STAMP = "figure.json"
+_CLAIMS = ("claims.json", "claims.md")
 
 
 def reproduce(
@@ -47,47 +57,45 @@ def reproduce(
     only: names of figures, all where omitted; those that others rest on are made too. values: of each parameter in a
     sweep. calibration: posterior.nc of `cradle calibrate` whose uncertainty the bands show; an example, simulated and
     calibrated here, where omitted. What is done already, with the same program and input, is not done again. Returns
-    the content of claims.json. Raises ValueError for a name that no figure has.
+    the content of claims.json. Raises ValueError, before anything is made, for a name that no figure has, for what is
+    no calibration, and for files that would be replaced and are not ours.
     """
     check_range("values", values, "", 16, remedy="fewer show no curve")
     named = {figure.name: figure for figure in FIGURES}
     for name in only:
         if name not in named:
             raise ValueError(unknown_key("figure", name, list(named)))
-    source = None if calibration is None else calibration.read_bytes()
     posterior = functools.partial(calibrate_example, out / "calibration", seed, workers, progress)
+    shown: list[Any] = [seed]
     if calibration is not None:
-        posterior = functools.partial(_loaded, calibration, seed, workers)
-    inputs = hashlib.sha256(json.dumps([_sources(), values, seed]).encode() + (source or b"")).hexdigest()
-    # Named by the inputs: what an earlier program left unfinished is not gone on with.
-    scratch = out / f".unfinished-{inputs[:12]}"
-    for stale in set(out.glob(".unfinished-*")) - {scratch}:
-        shutil.rmtree(stale)
-    study = Study(values, workers, scratch, posterior)
+        loaded = dataclasses.replace(Posterior.load(calibration, workers), seed=seed)
+        check_posterior(loaded)
+        posterior, shown = lambda: loaded, [seed, hashlib.sha256(calibration.read_bytes()).hexdigest()]
+    inputs = {
+        figure.name: _hash([program(()), values, shown if figure.calibrated else None]) for figure in named.values()
+    }
     todo = _with_needs(only or list(named), named)
+    check_own(out, _CLAIMS, _CLAIMS[0], CLAIMS_FORMAT)
+    for name in todo:
+        _check_folder(out / name)
+    # Named by the inputs: what an earlier program left unfinished is not gone on with.
+    scratch = {name: out / f".unfinished-{name}-{hashed[:12]}" for name, hashed in inputs.items()}
+    for stale in set(out.glob(".unfinished-*")) - set(scratch.values()):
+        shutil.rmtree(stale)
     for k, name in enumerate(todo):
-        if _stamp(out / name).get("inputs") != inputs:
+        if _stamp(out / name).get("inputs") != inputs[name]:
             tell = lambda fraction, text, k=k, name=name: progress(  # noqa: E731
                 name, fraction, f"{text} (figure {k + 1} of {len(todo)})"
             )
             tables = {other: _read_tables(out / other) for other in named[name].needs}
-            _make(named[name], dataclasses.replace(study, tell=tell, tables=tables), out / name, inputs)
-            shutil.rmtree(scratch, ignore_errors=True)
-    return _write_claims(out, inputs)
+            study = Study(values, workers, scratch[name], posterior, tell, tables)
+            _make(named[name], study, out / name, inputs[name])
+            shutil.rmtree(scratch[name], ignore_errors=True)
+    return _write_claims(out)
 
 
-def _loaded(file: Path, seed: int, workers: int | None) -> Posterior:
-    return dataclasses.replace(Posterior.load(file, workers), seed=seed)
-
-
-def _sources() -> str:
-    """A hash of the program that makes the figures: numbers of another version are not mixed in."""
-    digest = hashlib.sha256()
-    here = Path(__file__).parent
-    for folder in (Path(cradle_env.__file__).parent, here, here.parent / "sweep"):
-        for file in sorted(folder.rglob("*.py")):
-            digest.update(file.read_bytes())
-    return digest.hexdigest()
+def _hash(content: Any) -> str:
+    return hashlib.sha256(json.dumps(content).encode()).hexdigest()
 
 
 def _with_needs(names: Iterable[str], figures: Mapping[str, Figure]) -> list[str]:
@@ -100,40 +108,45 @@ def _with_needs(names: Iterable[str], figures: Mapping[str, Figure]) -> list[str
 
 
 def _stamp(folder: Path) -> dict[str, Any]:
-    """What the stamp of a figure's folder says; empty where the figure was never finished."""
-    try:
-        content = json.loads(read_text(folder / _STAMP)[0])
-    except (ExperimentError, json.JSONDecodeError):
-        return {}
-    return content if isinstance(content, dict) else {}
+    """What the stamp of a figure's folder says: its files, and "inputs" where it is finished; empty where none is."""
+    return stamped(folder / _STAMP, FORMAT) or {}
+
+
+def _check_folder(folder: Path, written: Iterable[str] = ()) -> None:
+    """ExperimentError where a figure's folder is not ours, or a file to be replaced there is not as we left it."""
+    if folder.exists() and not _stamp(folder) and any(folder.iterdir()):
+        raise ExperimentError(f"{folder}: exists and holds no figure of this command; choose another --out")
+    check_own(folder, (*_stamp(folder).get("files", ()), *written), _STAMP, FORMAT)
 
 
 def _make(figure: Figure, study: Study, folder: Path, inputs: str) -> None:
-    """Computes, draws and judges one figure. Picture and claims are of the tables as they were written."""
+    """Computes, draws and judges one figure. Picture and claims are of the tables as they are written."""
     began, cpu = time.monotonic(), time.process_time()
     study.tell(0.0, figure.title)
-    tables = figure.data(study)
-    if folder.exists() and not (folder / _STAMP).exists():
-        raise ExperimentError(f"{folder}: exists and holds no figure of this command; choose another --out")
-    shutil.rmtree(folder, ignore_errors=True)
-    write_json(folder / _STAMP, {})  # so that a kill leaves a folder that is known to be ours
-    for name, table in tables.items():
-        write(folder / f"{name}.csv", table_text(_padded(table)))
-    tables = _read_tables(folder)
+    files: dict[str, bytes] = {
+        f"{name}.csv": table_text(_padded(table)).encode() for name, table in figure.data(study).items()
+    }
+    tables = {name.removesuffix(".csv"): _table(text.decode()) for name, text in files.items()}
     study.tell(1.0, "draw")
     drawn = styled(figure.draw)(tables)
-    write(folder / f"{figure.name}.png", png(drawn))
-    write(folder / f"{figure.name}.pdf", pdf(drawn))
+    files |= {f"{figure.name}.png": png(drawn), f"{figure.name}.pdf": pdf(drawn)}
     content = {
         "format": FORMAT,
         "version": __version__,
+        "program": program(()),
         "inputs": inputs,
         "title": figure.title,
         "seconds": round(time.monotonic() - began, 1),
         "processor_seconds": round(time.process_time() - cpu, 1),
         "claims": [dataclasses.asdict(claim) for claim in figure.claims(tables)],
+        "files": {name: hashlib.sha256(data).hexdigest() for name, data in files.items()},
     }
-    write_json(folder / _STAMP, content)
+    _check_folder(folder, files)
+    for name in _stamp(folder).get("files", ()):
+        (folder / name).unlink(missing_ok=True)
+    # So that whatever a kill leaves is known to be ours.
+    write_json(folder / _STAMP, {key: content[key] for key in ("format", "files")})
+    write_together(folder, {**files, _STAMP: json_text(content)})
 
 
 def _padded(table: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
@@ -143,13 +156,16 @@ def _padded(table: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
 
 
 def _read_tables(folder: Path) -> Tables:
-    """The tables that a figure wrote, without the empty fields at the ends of columns."""
-    tables = {}
-    for file in sorted(folder.glob("*.csv")):
-        header, *lines = read_text(file)[0].splitlines()
-        rows = np.array([[float(cell or "nan") for cell in line.split(",")] for line in lines])
-        tables[file.stem] = {label: _trimmed(rows[:, k]) for k, label in enumerate(_labels(header))}
-    return tables
+    """The tables that a figure wrote."""
+    names = (name for name in _stamp(folder)["files"] if name.endswith(".csv"))
+    return {name.removesuffix(".csv"): _table(read_text(folder / name)[0]) for name in names}
+
+
+def _table(text: str) -> Table:
+    """A table as it was written, without the empty fields at the ends of columns."""
+    header, *lines = text.splitlines()
+    rows = np.array([[float(cell or "nan") for cell in line.split(",")] for line in lines])
+    return {label: _trimmed(rows[:, k]) for k, label in enumerate(_labels(header))}
 
 
 def _labels(header: str) -> list[str]:
@@ -163,19 +179,19 @@ def _trimmed(column: np.ndarray) -> np.ndarray:
     return column[: filled[-1] + 1] if len(filled) else column[:0]
 
 
-def _write_claims(out: Path, inputs: str) -> dict[str, Any]:
-    """claims.json and claims.md, of the figures that are there and up to date."""
+def _write_claims(out: Path) -> dict[str, Any]:
+    """claims.json and claims.md, of the figures that are there, finished, and made by this program."""
     stamps = {figure.name: _stamp(out / figure.name) for figure in FIGURES}
-    done = {name: stamp for name, stamp in stamps.items() if stamp.get("inputs") == inputs}
+    done = {name: stamp for name, stamp in stamps.items() if "inputs" in stamp and stamp.get("program") == program(())}
     content = {
         "format": CLAIMS_FORMAT,
         "version": __version__,
-        "inputs": inputs,
+        "inputs": _hash([stamp["inputs"] for stamp in done.values()]),
         "figures": {name: stamp["title"] for name, stamp in done.items()},
         "claims": [{**claim, "figure": name} for name, stamp in done.items() for claim in stamp["claims"]],
     }
-    write_json(out / "claims.json", content)
-    write(out / "claims.md", f"# What the model says of the paper's claims\n\n{claims_table(content)}\n")
+    write_json(out / _CLAIMS[0], content)
+    write(out / _CLAIMS[1], f"# What the model says of the paper's claims\n\n{claims_table(content)}\n")
     return content
 
 

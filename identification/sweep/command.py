@@ -6,13 +6,14 @@ import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
 
 from cradle_env import __version__
 from cradle_env.cradle import Cradle, Release
-from identification.files import check_own, listing, write, write_json
+from identification.files import check_own, write_listed
 from identification.results import cradle_values, release_values
 from identification.style import png
 from identification.sweep import explore
@@ -28,8 +29,8 @@ from identification.wording import number, unit_plain
 
 #: A slip of the pen rather than an axis.
 _MOST = 10_000_000
-#: What a sweep is told by, and lists its tables in.
-_STAMP = "sweep.json"
+#: What a sweep is told by, and lists its files in; those beside its tables.
+_STAMP, _PICTURE, _PAGE = "sweep.json", "sweep.png", "explore.html"
 #: What the paper's groups set, of that which a cradle may ignore.
 _SETS = {"beta": "kappa"}
 
@@ -82,7 +83,9 @@ def run(
 ) -> None:
     """Sweeps, and writes table, picture, summary and, if asked for, the page."""
     check_table(out / asked.table)
-    check_own(out, (asked.table, _STAMP), _STAMP, FORMAT)
+    if Path(asked.table).name != asked.table:
+        raise ValueError(f"--table {asked.table}: expected a name alone; --out names the folder")
+    check_own(out, (_STAMP, asked.table, _PICTURE, *([_PAGE] if asked.explore else [])), _STAMP, FORMAT)
     axes = _axes(asked)
     grid = Grid(axes, cradle, release)
     for name in _idle(grid):
@@ -95,14 +98,14 @@ def run(
         progress("sweep", None, "the first run after installation compiles for some seconds")
         settings: dict[str, Any] = {"duration": duration, "sample_rate": sample_rate, "workers": workers}
         swept = sweep(grid, asked.quantities, times=times, out=out, progress=progress, **settings)
-        progress("write", None, asked.table)
-        swept.save(out / asked.table)
-        content = {**_summary(swept, seed), "files": listing(out, (asked.table,), _STAMP, FORMAT)}
-        write_json(out / _STAMP, content)
-        write(out / "sweep.png", png(sweep_figure(swept)))
+        files: dict[str, str | bytes | Path] = {_PICTURE: png(sweep_figure(swept))}
         if asked.explore:
             tell = lambda _, fraction, text: progress("page", fraction, text)  # noqa: E731
-            write(out / "explore.html", explore.explore_html(grid, out=out / "explore", progress=tell, **settings))
+            files[_PAGE] = explore.explore_html(grid, out=out / "explore", progress=tell, **settings)
+        progress("write", None, asked.table)
+        with TemporaryDirectory(dir=out) as scratch:
+            files[asked.table] = swept.save(Path(scratch) / asked.table)
+            content = write_listed(out, files, _STAMP, _summary(swept, seed))
     rows = []
     for name, found in content["quantities"].items():
         unit = unit_plain(QUANTITIES[name].unit)
@@ -117,9 +120,9 @@ def run(
     for reason, count in content["impossible"].items():
         print(f"{count} of {len(grid)} points cannot be simulated; the first: {reason}")
     print(f"table: {out / asked.table}")
-    print(f"picture: {out / 'sweep.png'}")
+    print(f"picture: {out / _PICTURE}")
     if asked.explore:
-        print(f"page: {out / 'explore.html'}")
+        print(f"page: {out / _PAGE}")
 
 
 _ENDS = ("least", "largest")

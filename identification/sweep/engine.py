@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import math
 import time
+from asyncio import CancelledError
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from pathlib import Path
 from queue import SimpleQueue
 from tempfile import TemporaryDirectory
@@ -88,9 +90,8 @@ def _run(plan: Plan, store: Store, executor: Any, progress: Progress | None) -> 
     def collect() -> None:
         nonlocal new
         future = finished.get()
-        indices = waiting.pop(future)
-        store.write(indices, *future.result())
-        new += len(indices)
+        store.write(waiting[future], *future.result())
+        new += len(waiting.pop(future))
         done, rate = before + new, new / (time.monotonic() - began)
         tell("sweep", done / store.count, f"{done} of {store.count} runs, {rate:.1f}/s")
 
@@ -109,8 +110,10 @@ def _run(plan: Plan, store: Store, executor: Any, progress: Progress | None) -> 
         while waiting:
             collect()
     finally:
-        for future in waiting:
-            future.cancel()
+        # Where it is interrupted: what has begun comes to its end in moments, and is kept.
+        for future in [future for future in waiting if not future.cancel()]:
+            with suppress(Exception, CancelledError):
+                store.write(waiting[future], *future.result())
 
 
 def evaluate(

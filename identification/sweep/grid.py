@@ -26,7 +26,7 @@ _OTHERS = {
     "lifted": ("1", "lifted bobs"),
 }
 #: Both of a pair set the same thing.
-_EXCLUSIVE = (("beta", "kappa"), ("alpha", "k_f"), ("n", "k_f"), ("gamma", "release_angle"))
+EXCLUSIVE = (("beta", "kappa"), ("alpha", "k_f"), ("n", "k_f"), ("gamma", "release_angle"))
 #: Points of a grid at most.
 _MOST = 10**9
 #: name, or name[i] for that of bob or gap i.
@@ -84,9 +84,14 @@ class Grid:
             raise ValueError(
                 f"the grid has {len(self):.3g} points; it must have at most {_MOST:.0e}; sweep it in parts"
             )
-        for one, other in _EXCLUSIVE:
+        for one, other in EXCLUSIVE:
             if one in self.names and other in self.names:
                 raise ValueError(f"{one} and {other} are both swept; {one} sets {other}, so sweep one of them")
+        if "lifted" in self.names and release.angles is not None:
+            raise ValueError(
+                "lifted is swept, but the release states the angle of each bob; state one angle, and how many bobs are"
+                " lifted (--lifted 1)"
+            )
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -114,7 +119,11 @@ def _axis(name: str, given: Any) -> Axis:
     if len({len(column) for column in columns.values()}) != 1:
         lengths = ", ".join(f"{len(column)} of {key}" for key, column in columns.items())
         raise ValueError(f"axis {name} must hold equally many values of each parameter; it has {lengths or 'none'}")
-    return Axis(name, columns)
+    axis = Axis(name, columns)
+    several, counts = np.unique(axis.values, return_counts=True)
+    if len(several) < len(axis):
+        raise ValueError(f"{name} = {several[np.argmax(counts)]:g} is {counts.max()} times on its axis; give it once")
+    return axis
 
 
 def _checked(name: str, values: Any) -> np.ndarray:
@@ -163,7 +172,18 @@ def built(cradle: Cradle, release: Release, values: Mapping[str, float]) -> tupl
     if "alpha" in values or "n" in values:
         fields["power_law"] = (values.get("alpha", cradle.alpha), values.get("n", cradle.n))
     made = cradle.replace(beta=values.get("beta"), effects=effects, **fields)
-    return made, _let_go(release, cradle, values)
+    return made, _let_go(of_other_bobs(release, cradle.bobs, made.bobs), cradle, values)
+
+
+def of_other_bobs(release: Release, stated: int, bobs: int) -> Release:
+    """A release stated of so many bobs for another number of them; ValueError where its angles would be of others."""
+    if release.angles is not None and bobs != stated:
+        named = ", ".join(map(str, release.angles))
+        raise ValueError(
+            f"bobs is {bobs}, but the release states angles of bobs {named} of {stated}; state one angle, and how many"
+            " bobs are lifted (--lifted 1)"
+        )
+    return release
 
 
 def _count(of: str, key: str, bobs: int) -> int:
@@ -193,4 +213,4 @@ def _let_go(release: Release, cradle: Cradle, values: Mapping[str, float]) -> Re
     if "lifted" not in values:
         return release if angle is None else release.lifted_to(angle, cradle)
     lifted: Any = values["lifted"]
-    return Release(angle=release.lead(cradle)[1] if angle is None else angle, bobs=lifted, start=release.start)
+    return Release(angle=release.angle if angle is None else angle, bobs=lifted, start=release.start)

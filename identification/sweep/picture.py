@@ -61,17 +61,22 @@ class _Row:
     """One quantity of a sweep, and which of its axes are drawn; the others are gone through panel by panel."""
 
     def __init__(self, swept: Swept, quantity: Quantity, drawn: list[int]) -> None:
-        self.grid, self.quantity, self.times = swept.plan.grid, quantity, swept.plan.times
-        self.axes = [self.grid.axes[k] for k in drawn]
+        self.grid, self.quantity = swept.plan.grid, quantity
         others = [k for k in range(len(self.grid.axes)) if k not in drawn]
         shape = tuple(self.grid.shape[k] for k in others)
         count = math.prod(shape)
         chosen = np.unique(np.linspace(0, count - 1, min(count, _MOST_PANELS)).round().astype(int))
         self.panels = [np.unravel_index(i, shape) for i in chosen] if shape else [()]
         self.others, self.left_out = others, count - len(chosen)
-        values = np.moveaxis(swept[quantity.name], others, range(len(others)))
-        if len(drawn) == 2 and drawn[0] > drawn[1]:
-            values = np.swapaxes(values, len(others), len(others) + 1)
+        values = np.moveaxis(swept[quantity.name], (*others, *drawn), range(len(self.grid.axes)))
+        self.axes = []
+        for place, axis in enumerate((self.grid.axes[k] for k in drawn), len(others)):
+            rising = np.argsort(axis.values)
+            self.axes.append(Axis(axis.name, {name: column[rising] for name, column in axis.columns.items()}))
+            values = np.take(values, rising, place)
+        self.times = np.sort(swept.plan.times)
+        if quantity.series:
+            values = np.take(values, np.argsort(swept.plan.times), -1)
         self.values = np.array([values[tuple(panel)] for panel in self.panels])
 
     def draw(self, panels: np.ndarray, figure: Any) -> None:

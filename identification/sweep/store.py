@@ -72,7 +72,11 @@ class Store:
         folder.mkdir(parents=True, exist_ok=True)
         if self._plan.exists():
             self._resume()
+        elif self.rows.exists():
+            raise ValueError(f"{self.rows}: exists and is no result of a sweep; name another --out")
         else:
+            self._write_plan()
+        if not self.rows.exists():
             self._begin()
 
     def _begin(self) -> None:
@@ -80,7 +84,6 @@ class Store:
         # The file is sparse: a million rows to come take no place yet.
         np.lib.format.open_memmap(temporary, mode="w+", dtype=self.dtype, shape=(self.count,))
         os.replace(temporary, self.rows)
-        self._write_plan()
 
     def _resume(self) -> None:
         try:
@@ -92,7 +95,7 @@ class Store:
         if not same:
             raise ValueError(f"{self._plan} is that of another sweep, or of another version; name another --out")
         try:
-            whole = self.open().shape == (self.count,)
+            whole = not self.rows.exists() or self.open().shape == (self.count,)
         except (OSError, ValueError):
             whole = False
         if not whole:
