@@ -239,12 +239,15 @@ class Apparatus:
         return drop_frames(made, settings.missing, seed) if noisy else made
 
     def write(self, folder: Path, recording: Recording, noise: float | None = None) -> Path:
-        """The experiment's files; what they state of k_f, kappa, b and the release is off. noise: to be stated."""
+        """The experiment's files; what they state of k_f, kappa, b and the release is off. noise: to be stated of a
+        recording that has none, and whose release is stated as it was."""
         known = {_LASTING: {"scale": 1.0}} if self.lasting else {}
-        noise = noise or (self.noise if self.settings.noise_stated else None)
+        lifted, told = self.lifted, self.noise if self.settings.noise_stated else None
+        if noise is not None:
+            lifted, told = self.angle, noise
         return write_experiment(
             folder, [recording], stated=self.stated, effects=[*known], parameters=known,
-            release={"angles": {self.bobs: self.lifted}}, run={"noise": noise},
+            release={"angles": {self.bobs: lifted}}, run={"noise": told},
         )  # fmt: skip
 
 
@@ -323,8 +326,7 @@ class Oracle:
         experiment = with_known_noise(Experiment.load(self.apparatus.write(self.scratch, recording, self.noise)))
         searcher = Searcher(Store(None, ""), 0, 1)
         likelihood = searcher.likelihood(experiment)
-        truth = {**self.apparatus.truth, "release_angle_error@1": self.apparatus.angle - self.apparatus.lifted}
-        return searcher, Fitted(likelihood, placed(likelihood, truth))
+        return searcher, Fitted(likelihood, placed(likelihood, self.apparatus.truth))
 
 
 def _nearer(nearest, searcher, base, candidate, beside, likely):

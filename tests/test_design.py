@@ -121,8 +121,8 @@ def test_exact_symmetries_are_told(heavy, small_grid, tmp_path, capsys):
 
 @pytest.mark.slow
 def test_the_recommended_run_tells_what_was_expected(dragged, small_grid, tmp_path):
-    """The run is made by the reference, quadratic drag being true: ± 4 sd of a log Bayes factor, √(2 E), and a factor
-    of two for what one set of old data happens to favour."""
+    """The run is made by the reference, quadratic drag being true, with noise drawn several times: within a factor of
+    two, for what one set of old data happens to favour."""
     names = ["quadratic_drag", "pivot_friction"]
     assert main(["design", str(dragged), "--out", str(tmp_path), "--workers", "1",
                  *(word for name in names for word in ("--between", name))]) == 0  # fmt: skip
@@ -133,16 +133,17 @@ def test_the_recommended_run_tells_what_was_expected(dragged, small_grid, tmp_pa
     setting = Setting(best["bobs"], best["release"]["bobs"], best["release"]["angle"], best["delta"])
     models = fitted(dragged, *names)
     run = Instrument.of(models[0]).run(setting, best["duration"])
+    planned = [Planned(model, run) for model in models]
     cradle = soft(setting.bobs, {"quadratic_drag": {"c2": 0.02}})
-    seen = record(cradle, {setting.bobs: setting.angle}, duration=best["duration"], seed=9).readings
-    evidence = [Planned(model, run).given(seen).log_evidence({}) for model in models]
-    expected = best["simulated"]
-    assert evidence[0] - evidence[1] > 3.0
-    spread = 4.0 * math.sqrt(2.0 * expected)
-    assert expected / 2.0 - spread < evidence[0] - evidence[1] < 2.0 * expected + spread
+    told = []
+    for seed in range(9, 17):
+        recorded = record(cradle, {setting.bobs: setting.angle}, duration=best["duration"], seed=seed)
+        drag, friction = (model.given(recorded.readings).log_evidence({}) for model in planned)
+        told.append(drag - friction)
+    assert min(told) > 3.0
+    assert 0.5 < np.mean(told) / best["simulated"] < 2.0
     page = (tmp_path / "report.html").read_text(encoding="utf-8")
     assert page.count("data:image/png;base64,") == 1 and "http" not in page.replace("http-equiv", "")
-    recorded = record(cradle, {setting.bobs: setting.angle}, duration=best["duration"], seed=9)
     write_experiment(tmp_path / "other", [recorded])
     (tmp_path / "run1.csv").write_bytes((tmp_path / "other" / "run1.csv").read_bytes())
     again = Experiment.load(tmp_path / "experiment.toml")

@@ -3,6 +3,7 @@
 import dataclasses
 import json
 from pathlib import Path
+from types import SimpleNamespace
 
 import gymnasium as gym
 import numpy as np
@@ -44,6 +45,26 @@ def fitted(folder, hidden: dict, bobs: int = 1, duration: float = 24.0, **model)
     path = write_experiment(folder, [recording], stated={"kappa": 187.0, "b": 0.0023}, **model)
     searcher = Searcher(Store(None, ""), 0, None)
     return searcher.globally(with_known_noise(Experiment.load(path))), searcher
+
+
+@pytest.mark.parametrize("gap, most, kept", [(1.9, 5.0, True), (2.1, 5.0, False), (1.9, 1.8, False), (2.1, 1.8, False)])
+def test_a_law_that_holds_no_longer_than_it_was_fitted_is_none(monkeypatch, gap, most, kept):
+    """It explains all of the training part; what counts is the inner prediction, where the model alone has a gap of 2
+    and a rival, which may be far worse than the model alone, asks for `most`."""
+
+    def fit(chi2, unknowns, held_out):
+        return SimpleNamespace(chi2=chi2, point=np.zeros(unknowns), coloured=(1.0, 1000.0), experiment="whole",
+                               held_out_gap=lambda: held_out)  # fmt: skip
+
+    alone = fit(5000.0, 4, 2.0)
+    free = {"part": fit(700.0, 6, gap), "whole": fit(1000.0, 6, 1.0)}
+    monkeypatch.setattr(law_module, "_free", lambda _fitted, _searcher, experiment, *_: free[experiment])
+    linear = SimpleNamespace(term=lambda i: i, values=lambda subset: dict.fromkeys(subset, 1.0))
+    none = Law(alone, alone, (), 2.0, 2.0)  # type: ignore[arg-type]
+    found = law_module._with(none, None, "part", {}, linear, (0, 1), most)  # type: ignore[arg-type]
+    assert (found is not None) == kept
+    if found is not None:
+        assert (found.terms, found.inner_before, found.inner_after) == ((0, 1), 2.0, gap)
 
 
 def added(base, searcher, name: str):
