@@ -10,6 +10,7 @@ import pytest
 from cradle_env import Cradle, Release
 from identification import plots, results
 from identification.experiment import Experiment
+from identification.files import write_json
 from identification.posterior import Gap, Posterior, statistics
 from identification.runs import Prior, ReleaseInfo, Run
 from identification.style import png
@@ -138,9 +139,7 @@ def test_pictures_are_the_same_each_time_and_leave_matplotlib_alone():
 
 
 def test_json_knows_no_nan(tmp_path):
-    path = results.write_json(
-        tmp_path / "deep" / "a.json", {"a": np.nan, "b": [np.float64(1.5), np.inf], "c": np.int64(2)}
-    )
+    path = write_json(tmp_path / "deep" / "a.json", {"a": np.nan, "b": [np.float64(1.5), np.inf], "c": np.int64(2)})
     assert json.loads(path.read_text()) == {"a": None, "b": [1.5, None], "c": 2}
 
 
