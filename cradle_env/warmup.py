@@ -10,7 +10,7 @@ import numpy as np
 
 from cradle_env.collisions import restitution_curve
 from cradle_env.cradle import Cradle, InitialState, Release
-from cradle_env.simulation import simulate
+from cradle_env.simulation import raised, simulate
 from cradle_env.strings import string_tension
 
 
@@ -27,6 +27,7 @@ def simulations() -> None:
     cradle = Cradle()
     for beginning in (Release(angle=0.2), InitialState(np.zeros(5), np.zeros(5))):
         simulate(cradle, beginning, duration=0.1)
+    raised(cradle, Release(angle=0.2))
     restitution_curve(cradle, np.array([0.1]))
     string_tension(cradle, np.array([1e-6]))
 

@@ -12,7 +12,7 @@ from identification.likelihood import Likelihood
 from identification.posterior import Convergence, Gap, Posterior
 from identification.runs import ReleaseInfo, Run
 from tests.independent.laboratory import Recording
-from tests.study import Apparatus, cases
+from tests.study import SINGLES, Apparatus, Case, Settings
 
 #: Relative width of the made-up posterior, by unknown.
 WIDTHS = {"k_f": 1.5e-3, "kappa": 2e-4, "b": 3e-3}
@@ -68,9 +68,23 @@ def made_up_posterior(
     )
 
 
+def early_case(name: str) -> Apparatus:
+    """The apparatus of a case of the study's first rounds, "round-nothing-number" or "round-effect", by its seed."""
+    at, what = int(name[:2]), name[3:]
+    if what.startswith("nothing-"):
+        case = Case(name, (), 0.0, False, 1000 * at + 100 + int(what.rpartition("-")[2]))
+    else:
+        i = next(i for i, kind in enumerate(SINGLES) if kind.name == what)
+        case = Case(name, (SINGLES[i],), 15.0, False, 1000 * at + i)
+    apparatus = Apparatus(case)
+    apparatus.settings = Settings("unstretched", noise_stated=True, missing=0.0, correlation=0.0)
+    return apparatus
+
+
 def nothing_hidden(folder: Path, name: str) -> tuple[Fitted, np.ndarray]:
-    """A case of the study in which nothing is hidden, its model fitted to everything; and the truth, (D,)."""
-    apparatus = Apparatus(next(case for case in cases([int(name[:2])]) if case.name == name))
+    """A case of the study's first rounds in which nothing is hidden, its model fitted to everything; and the truth,
+    (D,)."""
+    apparatus = early_case(name)
     folder.mkdir(exist_ok=True)
     experiment = Experiment.load(apparatus.write(folder, apparatus.record([], True)))
     searcher = Searcher(Store(None, ""), 0, None)

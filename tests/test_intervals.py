@@ -18,7 +18,7 @@ from identification.experiment import Experiment
 from identification.unknowns import Unknown
 from tests.independent.laboratory import record, write_experiment
 from tests.independent.soft_contact import SoftCradle
-from tests.study import Apparatus, cases
+from tests.synthetic import early_case
 
 WIDTH = 0.01
 
@@ -86,7 +86,7 @@ def test_of_one_unknown_alone_nothing_is_left_to_refit(tmp_path):
 def test_a_profile_holds_a_drag_that_group_drag_can_replace(tmp_path):
     """04-group_drag of the study, 2 bobs: drag and drag near neighbours make up for each other along a bent ridge, and
     by Laplace b is 13 of its standard deviations off."""
-    apparatus = Apparatus(next(case for case in cases([4]) if case.name == "04-group_drag"))
+    apparatus = early_case("04-group_drag")
     rows = map(json.loads, Path("docs/study.jsonl").read_text(encoding="utf-8").splitlines())
     strengths = next(row["strengths"] for row in rows if row["case"] == "04-group_drag")
     experiment = with_known_noise(Experiment.load(apparatus.write(tmp_path, apparatus.record(strengths, True))))

@@ -91,5 +91,5 @@ print(json.dumps([known, {str(kernel): list(kernel.signatures) for kernel in ker
 """,
         timeout=300.0,
     )  # of which it takes most where nothing is compiled yet
-    assert len(compiled) == 9 and all(compiled.values())
+    assert len(compiled) == 10 and all(compiled.values())
     assert more == compiled

@@ -15,8 +15,7 @@ from identification.fit import cost, refine
 from identification.rough import broad_jacobian, polish
 from tests.independent.laboratory import record, write_experiment
 from tests.independent.soft_contact import SoftCradle
-from tests.study import Apparatus, cases
-from tests.synthetic import nothing_hidden
+from tests.synthetic import early_case, nothing_hidden
 
 NAMES = ("k_f", "kappa", "b", "pivot_friction.tau_c", "release_angle_error@1")
 TRUE = dict(zip(NAMES, (14157.0, 175.015, 3.986e-3, 3.7515e-4, 0.0), strict=True))
@@ -97,7 +96,7 @@ def test_random_steps_lead_where_derivatives_do_not(tmp_path, monkeypatch):
     """Of the study's cases with nothing hidden, the one whose readings jump most: 1,100 above its noise at the truth,
     for the order of impacts there is another one. By derivatives alone descent ends at 9245 to 9512 from eight starts
     about the truth, by random steps too at 8976 to 9343, from these two 418 and 536 lower."""
-    apparatus = Apparatus(next(case for case in cases([10]) if case.name == "10-nothing-1"))
+    apparatus = early_case("10-nothing-1")
     experiment = with_known_noise(Experiment.load(apparatus.write(tmp_path, apparatus.record([], True))))
     likelihood = Searcher(Store(None, ""), 0, None).likelihood(experiment)
     truth, away = placed(likelihood, apparatus.truth), np.array([1e-3, 1e-4, 5e-3, 1e-4])
