@@ -126,8 +126,8 @@ def model_verdict(summary: Mapping[str, Any]) -> str:
     if gap["held_out"] is not None and math.isfinite(gap["held_out"]):
         figures += f" and {ratio(gap['held_out'])} times on data held out (1 is the floor)"
     verdicts = {
-        "none": f"The model describes these data: {figures}. That nothing is missing a good fit does not show;"
-        " `cradle diagnose` looks for it.",
+        "none": f"The model describes these data: {figures}. A good fit does not show that nothing is"
+        " missing; `cradle diagnose` looks for it.",
         "small": f"The model describes these data but for a little: {figures}, more than chance leaves. What is small"
         " against the noise may be many standard deviations of a parameter: `cradle diagnose` looks for what is"
         " missing, unless the noise is more than stated.",
