@@ -11,6 +11,7 @@ rows of docs/study.jsonl, and cannot be made by it any more.
 from __future__ import annotations
 
 import argparse
+import functools
 import json
 import multiprocessing
 import os
@@ -262,6 +263,8 @@ class Oracle:
         self.apparatus, self.scratch = apparatus, scratch
         tells = apparatus.settings.inflation * _ORACLE_RATE / apparatus.rate
         self.noise = apparatus.noise * float(np.sqrt(tells))
+        # Asked for again where a search ends.
+        self.right, self.wrong_leaves = functools.cache(self._refit_right), functools.cache(self._refit_wrong)
         self.clean = self._record([0.0] * len(apparatus.case.kinds))
         self.searcher, self.fitted = self._true(self.clean)
         hidden = {kind.name for kind in apparatus.case.kinds}
@@ -275,42 +278,54 @@ class Oracle:
     def delta(self, strengths: list[float], refitted: bool = True) -> float:
         """Δχ² at these strengths: what the nearest, when refitted, of the wrong models that are nearest to first order
         leaves over the right one. Of what is in no catalogue no model is right, and the wrong one has two effects."""
+        if refitted:
+            right = 0.0 if self.apparatus.in_no_catalogue else self.right(tuple(strengths)).chi2
+            return self.wrong_leaves(tuple(strengths)) - right
+        moved = self._moved(self._record(strengths))
+        return min(self._left(moved), default=float(moved @ moved))
+
+    def _moved(self, recording: Recording) -> np.ndarray:
+        """By how much what is hidden moves the readings, over the noise, with what fits absorb projected out."""
+        moved = (self.clean.readings - recording.readings)[self.fitted.likelihood.rows[0]] / self.noise
+        return self.fitted.project(np.concatenate([moved.ravel(), np.zeros(len(self.fitted.residuals) - moved.size)]))
+
+    def _left(self, moved: np.ndarray) -> list[float]:
+        """χ² that each wrong model leaves, to first order."""
+        return [float(moved @ moved - np.sum((Q.T @ moved) ** 2)) for *_, Q in self.wrong]
+
+    def _refit_wrong(self, strengths: tuple[float, ...]) -> float:
+        """χ² that the nearest of the wrong models leaves."""
         from identification.diagnose.score import score
 
-        recording, fitted = self._record(strengths), self.fitted
-        moved = (self.clean.readings - recording.readings)[fitted.likelihood.rows[0]] / self.noise
-        d = fitted.project(np.concatenate([moved.ravel(), np.zeros(len(fitted.residuals) - moved.size)]))
-        left = [float(d @ d - np.sum((Q.T @ d) ** 2)) for *_, Q in self.wrong]
-        if not refitted:
-            return min(left, default=float(d @ d))
+        recording = self._record([*strengths])
+        moved = self._moved(recording)
         searcher, base = self._true(recording)
         nearest = searcher.nearby(base.experiment, base.values)
-        for i in np.argsort(left)[:_REFITTED]:
+        for i in np.argsort(self._left(moved))[:_REFITTED]:
             candidate, sensed, _ = self.wrong[i]
-            likely = [sensed.values(np.linalg.lstsq(fitted.project(sensed.S), -d)[0])]
+            likely = [sensed.values(np.linalg.lstsq(self.fitted.project(sensed.S), -moved)[0])]
             nearest = _nearer(nearest, searcher, base, candidate, base, likely)
-        if self.apparatus.in_no_catalogue:
-            if nearest.chi2 > self.apparatus.case.target:
-                first, replicates = nearest, np.zeros((len(nearest.residuals), 1))
-                for s in score(first, replicates).scores[:_REFITTED]:
-                    nearest = _nearer(nearest, searcher, first, s.candidate, first, s.likely)
-            return nearest.chi2
-        return nearest.chi2 - self._right(searcher, base, strengths).chi2
+        if self.apparatus.in_no_catalogue and nearest.chi2 > self.apparatus.case.target:
+            first, replicates = nearest, np.zeros((len(nearest.residuals), 1))
+            for s in score(first, replicates).scores[:_REFITTED]:
+                nearest = _nearer(nearest, searcher, first, s.candidate, first, s.likely)
+        return nearest.chi2
 
     def right_leaves(self, strengths: list[float], exact: bool = False) -> float:
         """χ² of the readings that the right model, refitted, leaves; exact: had the formula made them."""
-        right = self._right(*self._true(self._record(strengths, exact)), strengths)
+        right = self.right(tuple(strengths), exact)
         return float(np.sum(right.residuals[: right.count] ** 2))
 
-    def _right(self, searcher, base, strengths: list[float]):
+    def _refit_right(self, strengths: tuple[float, ...], exact: bool = False):
         """The right model, refitted from the truth."""
         from cradle_env.effects import effect
         from identification.diagnose.candidates import with_effects
 
         truth = {
             name: {p.key: np.clip(values[p.key], p.low, p.high).tolist() for p in effect(name).parameters}
-            for name, values in self.apparatus.effects(strengths).items()
+            for name, values in self.apparatus.effects([*strengths]).items()
         }
+        searcher, base = self._true(self._record([*strengths], exact))
         return searcher.nearby(with_effects(base.experiment, truth), base.values)
 
     def _record(self, strengths: list[float], exact: bool = False) -> Recording:
@@ -343,14 +358,18 @@ def strengths_for(apparatus: Apparatus, oracle: Oracle) -> list[float]:
     for i, kind in enumerate(case.kinds):
         s = kind.strength
         for refitted, tries in ((False, _SEARCHES), (True, _SEARCHES // 2)):
-            low, high = 0.01 * s, 100.0 * s
+            weaker = stronger = None
             for _ in range(tries):
                 reached = oracle.delta([s if j == i else 0.0 for j in range(len(case.kinds))], refitted)
-                if abs(np.log(max(reached, 1e-9) / case.target)) < 0.3:
+                lack = float(np.log(case.target / max(reached, 0.01 * case.target)))
+                if abs(lack) < 0.3:
                     break
-                low, high = (s, high) if reached < case.target else (low, s)
-                better = s * float(np.clip(np.sqrt(case.target / max(reached, 1e-9)), 0.1, 10.0))
-                s = better if low < better < high else float(np.sqrt(low * high))
+                weaker, stronger = ((s, lack), stronger) if lack > 0.0 else (weaker, (s, lack))
+                if weaker and stronger:
+                    share = weaker[1] / (weaker[1] - stronger[1])
+                    s = weaker[0] * (stronger[0] / weaker[0]) ** share
+                else:
+                    s *= float(np.exp(0.5 * lack))
         found.append(s)
     return found
 
