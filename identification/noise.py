@@ -14,6 +14,8 @@ from identification.runs import Run
 #: Orders of the differences, how many are enough, the share that the next must leave at most to be taken instead; and
 #: the share of their spacing by which successive times may differ from it.
 _ORDERS, _FEWEST, _LESS, _UNEVEN = range(3, 9), 10, 0.9, 0.2
+#: How many times the scatter of white noise's own a correlation must be to count.
+_CORRELATED = 3.0
 
 
 def noise_of(run: Run) -> float:
@@ -43,8 +45,8 @@ def estimated_noise(run: Run) -> float:
 def _scatter(times: np.ndarray, column: np.ndarray) -> float:
     """That of one bob (T,); 0 where nothing can be said. A difference over a gap is not one of successive readings."""
     seen = np.isfinite(column)
-    least, readings, spacing = 0.0, column[seen], np.diff(times[seen])
-    apart = np.abs(spacing - np.median(spacing)) > _UNEVEN * np.median(spacing) if len(spacing) else spacing
+    least, readings = 0.0, column[seen]
+    apart = _apart(times[seen])
     for order in _ORDERS:
         if len(apart) < order + _FEWEST:
             break
@@ -56,3 +58,31 @@ def _scatter(times: np.ndarray, column: np.ndarray) -> float:
             break
         least = found
     return least
+
+
+def _apart(times: np.ndarray) -> np.ndarray:
+    """Whether there is a gap between successive times (T,), (T − 1,)."""
+    spacing = np.diff(times)
+    return np.abs(spacing - np.median(spacing)) > _UNEVEN * np.median(spacing) if len(spacing) else spacing > 0.0
+
+
+def correlation_time(series: Sequence[tuple[np.ndarray, np.ndarray]]) -> float:
+    """τ [s] of noise whose correlation is exp(−|Δt|/τ), by the times (T,) [s] and residuals (T,) of each bob of a run;
+    0 for white noise.
+
+    The correlation ρ of successive readings is 1 + 2 g, g that of their successive differences, which hold next to
+    nothing of the slow motion that a model may lack. Of white noise its standard deviation is √(2/M), of M pairs.
+    """
+    products, squares, pairs, spacings = 0.0, 0.0, 0, []
+    for times, residuals in series:
+        steps, apart = np.diff(residuals), _apart(times)
+        both = ~(apart[:-1] | apart[1:])
+        first, second = steps[:-1][both], steps[1:][both]
+        products += float(first @ second)
+        squares += 0.5 * float(first @ first + second @ second)
+        pairs += len(first)
+        spacings.append(np.diff(times))
+    rho = 1.0 + 2.0 * products / squares if squares > 0.0 else 0.0
+    if pairs < _FEWEST or rho <= _CORRELATED * math.sqrt(2.0 / pairs):
+        return 0.0
+    return -float(np.median(np.concatenate(spacings))) / math.log(rho) if rho < 1.0 else 0.0

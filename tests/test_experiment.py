@@ -12,9 +12,10 @@ from cradle_env.cradle import Cradle, Release
 from identification.csv_data import read_recording
 from identification.experiment import Experiment, ExperimentError, Prior, ReleaseInfo
 from identification.files import write_together
-from identification.noise import estimated_noise, gap_of_noise
+from identification.noise import correlation_time, estimated_noise, gap_of_noise
 from identification.runs import Run
 from identification.scaffold import scaffold
+from tests.independent.laboratory import correlated_noise
 
 TOML = """\
 format = "cradle-experiment/1"
@@ -157,6 +158,17 @@ def test_readings_of_two_tables_have_their_own_spacing():
     readings = 1e-3 * rng.standard_normal((600, 2))
     readings[::2, 0] = readings[1::2, 1] = np.nan  # bobs seen in turns
     assert estimated_noise(Run(np.arange(600) / 60, readings, state="free")) == pytest.approx(1e-3, rel=0.2)
+
+
+@pytest.mark.parametrize("rho, off", [(0.0, 0.0), (0.3, 0.1), (0.7, 0.1)])
+def test_correlation_of_noise_whatever_the_model_lacks(rho, off):
+    """Of 4000 readings ρ scatters by 0.022; a slow misfit of the size of the noise adds 0.005."""
+    times = np.arange(2200) / 60
+    seen = np.random.default_rng(5).random(2200) > 0.03
+    bobs = correlated_noise((2200, 2), -1.0 / np.log(rho) if rho else 0.0, np.random.default_rng(6))
+    bobs += np.sin(2.0 * np.pi * times / 1.1)[:, None]
+    tau = correlation_time([(times[seen], bob[seen]) for bob in bobs.T])
+    assert (np.exp(-1.0 / (60.0 * tau)) if tau > 0.0 else 0.0) == pytest.approx(rho, abs=off)
 
 
 def test_effects_known_and_unknown(load):

@@ -190,7 +190,8 @@ def judged(
     more = len(fit.point) - len(fitted.point)
     strengths = [p for p in candidate.declaration.parameters if is_strength(p)]
     sided = bool(strengths) and all(map(one_sided, strengths))
-    own = float(surprise_of(np.array(gain / inflation), max(more, 1), sided))
+    beyond = max(1.0, inflation / fitted.noise_inflation)  # what the replicas do not have
+    own = float(surprise_of(np.array(gain / beyond), max(more, 1), sided))
     evidence = log_evidence(gain, more, inflation, effective)
     return Refit(candidate, fit, gain, more, evidence, family_p(own, replicas), fit.held_out_gap())
 
