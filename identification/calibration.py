@@ -50,8 +50,10 @@ def calibrate(
             mode = find_mode(likelihood, seed, tell)
             tell("search", 0.95, "how the readings jump about the mode")
             known, mode = learned(likelihood, mode)
-            checkpoint.begin(mode, known.jumps)
-        likelihood = likelihood.with_jumps(checkpoint.jumps())
+            inflations = likelihood.noise_inflations(mode.point)
+            wider = dataclasses.replace(mode, covariance=max(inflations) * mode.covariance)
+            checkpoint.begin(wider, known.jumps, inflations)
+        likelihood = likelihood.with_jumps(checkpoint.jumps()).with_inflations(checkpoint.inflations())
         verdict = sample(likelihood, checkpoint, steps=steps, max_steps=max_steps, progress=tell)
         chains = checkpoint.read()
     kept = Chains(*(array[:, verdict.burn_in :] for array in dataclasses.astuple(chains)))
@@ -93,7 +95,8 @@ def measure_gap(posterior: Posterior) -> Gap:
     residuals = likelihood.residuals(point)
     several = full.experiment.cradle.bobs >= SEVERAL
     J = broad_jacobian(likelihood, point, residuals) if several else jacobian(likelihood, point, residuals)
-    allowed = allowed_gap(likelihood, unseen, point, mode_at(likelihood, point, J).covariance, J, 1.0)
+    inflation = max(full.inflations)
+    allowed = allowed_gap(likelihood, unseen, point, inflation * mode_at(likelihood, point, J).covariance, J, inflation)
     return Gap(ratio["train"], ratio["held_out"], by_bob, allowed)
 
 

@@ -16,7 +16,7 @@ from cradle_env.synchronization import WINDOW, newton_exponent, sigma
 from cradle_env.trajectory import Trajectory
 from identification.experiment import Experiment
 from identification.measurement import Instrument
-from identification.noise import noise_of
+from identification.noise import correlation, inflation, noise_of
 from identification.runs import Run
 from identification.unknowns import Unknown, model_unknowns, run_unknowns, sag
 
@@ -50,7 +50,8 @@ class Jumps:
 
 class Likelihood:
     """The posterior density of an experiment: Gaussian noise about the simulated readings, and the priors; with
-    `jumps`, one of each run, about readings that scatter as these say.
+    `jumps`, one of each run, about readings that scatter as these say. Of noise that is correlated from one reading to
+    the next, `inflations` readings count for one.
 
     rows: which readings count, one (T,) of bool per run; those that may be fitted where omitted. parameters: which of
     k_f, kappa and b to infer, all that matter where omitted. A point is a vector of sampled coordinates, one per
@@ -66,6 +67,8 @@ class Likelihood:
     ):
         self.experiment, self.workers, self.parameters = experiment, workers, parameters
         self.jumps: tuple[Jumps, ...] = ()
+        #: By how much the noise of each run hides more than white noise of its size, as χ²: in the density alone.
+        self.inflations: tuple[float, ...] = (1.0,) * len(experiment.runs)
         self.rows = [run.fitted for run in experiment.runs] if rows is None else rows
         self.noise = [noise_of(run) for run in experiment.runs]
         #: What least squares weighs residuals with: the noise, or, while it is unknown, what a model may leave.
@@ -87,6 +90,22 @@ class Likelihood:
         other = copy.copy(self)
         other.jumps, other.weighing = tuple(jumps), list(self.weighing)
         return other
+
+    def with_inflations(self, inflations: Sequence[float]) -> Likelihood:
+        """The same, of readings of which so many count for one; for each run."""
+        other = copy.copy(self)
+        other.inflations = tuple(inflations)
+        return other
+
+    def noise_inflations(self, point: np.ndarray) -> list[float]:
+        """Those of each run, by what is left at a point."""
+        found = []
+        for k, (run, rows) in enumerate(zip(self.experiment.runs, self.rows, strict=True)):
+            left = self.predict(point, k, rows)[0] - run.readings[rows] if rows.any() else np.empty((0, 0))
+            seen = np.isfinite(left)
+            series = [(run.times[rows][own], bob[own]) for bob, own in zip(left.T, seen.T, strict=True)]
+            found.append(inflation(correlation(series)))
+        return found
 
     def parts(self) -> list[slice]:
         """Where the readings of each run stand among the residuals."""
@@ -203,10 +222,11 @@ class Likelihood:
             rate = found if k == 0 else rate
             scale = self.sigma_of(values, k)
             residual = ((run.readings[rows] - readings) / scale)[~np.isnan(run.readings[rows])]
+            volume = len(residual) * math.log(scale)
             if self.jumps:
                 residual = self.jumps[k].whitened(residual, scale)
-                total -= self.jumps[k].log_volume(scale)
-            total -= 0.5 * float(np.sum(residual**2)) + len(residual) * math.log(scale)
+                volume += self.jumps[k].log_volume(scale)
+            total -= (0.5 * float(np.sum(residual**2)) + volume) / self.inflations[k]
         return (total, rate) if math.isfinite(total) else (-math.inf, math.nan)
 
     def log_densities(self, points: np.ndarray) -> np.ndarray:

@@ -66,14 +66,14 @@ def _apart(times: np.ndarray) -> np.ndarray:
     return np.abs(spacing - np.median(spacing)) > _UNEVEN * np.median(spacing) if len(spacing) else spacing > 0.0
 
 
-def correlation_time(series: Sequence[tuple[np.ndarray, np.ndarray]]) -> float:
-    """τ [s] of noise whose correlation is exp(−|Δt|/τ), by the times (T,) [s] and residuals (T,) of each bob of a run;
-    0 for white noise.
+def correlation(series: Sequence[tuple[np.ndarray, np.ndarray]]) -> float:
+    """ρ of the noise of successive readings, by the times (T,) and residuals (T,) of each bob of a run; 0 where they
+    look white.
 
-    The correlation ρ of successive readings is 1 + 2 g, g that of their successive differences, which hold next to
-    nothing of the slow motion that a model may lack. Of white noise its standard deviation is √(2/M), of M pairs.
+    It is 1 + 2 g, g the correlation of successive differences, which hold next to nothing of the slow motion that a
+    model may lack. Of white noise its standard deviation is √(2/M), of M pairs.
     """
-    products, squares, pairs, spacings = 0.0, 0.0, 0, []
+    products, squares, pairs = 0.0, 0.0, 0
     for times, residuals in series:
         steps, apart = np.diff(residuals), _apart(times)
         both = ~(apart[:-1] | apart[1:])
@@ -81,8 +81,12 @@ def correlation_time(series: Sequence[tuple[np.ndarray, np.ndarray]]) -> float:
         products += float(first @ second)
         squares += 0.5 * float(first @ first + second @ second)
         pairs += len(first)
-        spacings.append(np.diff(times))
     rho = 1.0 + 2.0 * products / squares if squares > 0.0 else 0.0
-    if pairs < _FEWEST or rho <= _CORRELATED * math.sqrt(2.0 / pairs):
-        return 0.0
-    return -float(np.median(np.concatenate(spacings))) / math.log(rho) if rho < 1.0 else 0.0
+    # What is as smooth as from 1 on is no noise.
+    return rho if pairs >= _FEWEST and _CORRELATED * math.sqrt(2.0 / pairs) < rho < 1.0 else 0.0
+
+
+def inflation(rho: float) -> float:
+    """By how much noise that keeps ρ of itself from one reading to the next hides more of slow motion than white noise
+    of its size does, as χ²: (1 + ρ)/(1 − ρ)."""
+    return (1.0 + rho) / (1.0 - rho)

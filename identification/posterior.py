@@ -266,6 +266,7 @@ class Posterior:
             "gap": {"train": self.gap.train, "held_out": self.gap.held_out, "allowed": self.gap.allowed},
             "model_describes_data": self.describes_data,
             "misfit": self.misfit,
+            "noise_inflation": list(self.likelihood.inflations),
             "at_bounds": {u.name: [u.low, u.high] for u in self.unknowns if u.name in self.at_bounds},
         }
 
@@ -292,6 +293,7 @@ class Posterior:
             "experiment": json.dumps(self.experiment.texts()),
             "inputs": self.experiment.digest,
             "convergence": json.dumps(dataclasses.asdict(self.convergence)),
+            "inflations": list(self.likelihood.inflations),
             "gap": json.dumps(
                 [self.gap.train, self.gap.held_out, {k: v.tolist() for k, v in self.gap.rms.items()}, self.gap.allowed]
             ),
@@ -327,6 +329,8 @@ class Posterior:
         # What it holds is the experiment as it was rewritten; results go by the files that were calibrated.
         experiment = experiment.read_from(posterior.attrs.get("inputs", experiment.digest))
         likelihood = Likelihood(experiment, workers=workers, parameters=[name for name in SEARCH if name in posterior])
+        if "inflations" in posterior.attrs:  # older files do not tell
+            likelihood = likelihood.with_inflations(np.atleast_1d(posterior.attrs["inflations"]).tolist())
         W = int(posterior.attrs["walkers"])
 
         def shaped(values: np.ndarray) -> np.ndarray:

@@ -101,19 +101,26 @@ class Checkpoint:
             )
         return True
 
-    def begin(self, mode: Mode, jumps: Sequence[Jumps]) -> None:
-        """A file without steps, with the mode from which sampling starts, and how the readings of each run jump."""
+    def begin(self, mode: Mode, jumps: Sequence[Jumps], inflations: Sequence[float]) -> None:
+        """A file without steps, with the mode from which sampling starts, how the readings of each run jump, and how
+        many of them count for one."""
         part = self._part()
         with _open(part, "w") as file:
             file.attrs["inputs"] = self.likelihood.experiment.digest
             file.attrs["names"] = self.likelihood.names
             file.attrs["program"] = program(self.likelihood.experiment.cradle.composition)
             file.attrs["seed"] = self.seed
+            file.attrs["inflations"] = list(inflations)
             _write_mode(file, 0, mode)
             file.create_group("jumps")
             for k, of_run in enumerate(jumps):
                 file[f"jumps/{k + 1}/directions"], file[f"jumps/{k + 1}/sizes"] = of_run.directions, of_run.sizes
         os.replace(part, self.path)
+
+    def inflations(self) -> list[float]:
+        """How many readings of each run count for one."""
+        with _open(self.path, "r") as file:
+            return [float(value) for value in file.attrs["inflations"]]
 
     def jumps(self) -> list[Jumps]:
         """How the readings of each run jump; none where that is not known."""

@@ -380,7 +380,7 @@ def test_correlated_noise_is_nothing_that_is_missing(plain):
             fitted = Fitted(likelihood, right.point)
             vars(fitted).update(absorbs, residuals=right.project(noise))
             if name == "white":
-                vars(fitted)["correlation_times"] = [0.0]
+                vars(fitted)["correlations"] = [0.0]
             ps.append(locate(fitted, fitted.replicates(200, rng, (False,))).p)
     assert np.sum(np.array(found["as correlated"]) < 0.05) <= 4
     assert np.sum(np.array(found["white"]) < 0.05) >= 10

@@ -12,7 +12,7 @@ from cradle_env.cradle import Cradle, Release
 from identification.csv_data import read_recording
 from identification.experiment import Experiment, ExperimentError, Prior, ReleaseInfo
 from identification.files import write_together
-from identification.noise import correlation_time, estimated_noise, gap_of_noise
+from identification.noise import correlation, estimated_noise, gap_of_noise
 from identification.runs import Run
 from identification.scaffold import scaffold
 from tests.independent.laboratory import correlated_noise
@@ -167,8 +167,7 @@ def test_correlation_of_noise_whatever_the_model_lacks(rho, off):
     seen = np.random.default_rng(5).random(2200) > 0.03
     bobs = correlated_noise((2200, 2), -1.0 / np.log(rho) if rho else 0.0, np.random.default_rng(6))
     bobs += np.sin(2.0 * np.pi * times / 1.1)[:, None]
-    tau = correlation_time([(times[seen], bob[seen]) for bob in bobs.T])
-    assert (np.exp(-1.0 / (60.0 * tau)) if tau > 0.0 else 0.0) == pytest.approx(rho, abs=off)
+    assert correlation([(times[seen], bob[seen]) for bob in bobs.T]) == pytest.approx(rho, abs=off)
 
 
 def test_effects_known_and_unknown(load):

@@ -16,6 +16,7 @@ from identification.fit import bounds, find_mode, training_rows
 from identification.likelihood import Jumps, Likelihood, lifted_further
 from identification.posterior import Posterior
 from identification.runs import Prior, ReleaseInfo, Run
+from tests.independent.laboratory import correlated_noise, record, write_experiment
 from tests.independent.soft_contact import SoftCradle, simulate_soft
 from tests.synthetic import simulated_run
 
@@ -109,6 +110,44 @@ def test_density_with_jumps_is_that_of_their_covariance():
     assert np.sum(jumping.residuals(point)[:-1] ** 2) == pytest.approx(squares, rel=1e-9)
 
 
+def test_of_correlated_readings_fewer_count():
+    """Noise that keeps half of itself from frame to frame hides as much of slow motion as white noise of three times
+    its variance; ρ of 1440 differences scatters by some 0.04, which is 0.3 of 3."""
+    quiet = experiment(noise=1e-7)
+    run = quiet.runs[0]
+    noise = 1e-3 * correlated_noise(run.readings.shape, -1.0 / math.log(0.5), np.random.default_rng(1))
+    likelihood = Likelihood(dataclasses.replace(quiet, runs=(
+        dataclasses.replace(run, readings=run.readings + noise, noise=1e-3),
+    )))  # fmt: skip
+    truth = likelihood.start()
+    truth[:3] = np.log([TRUE[name] for name in likelihood.names[:3]])
+    assert likelihood.noise_inflations(truth) == pytest.approx([3.0], abs=1.2)
+    assert Likelihood(experiment()).noise_inflations(truth) == [1.0]
+    counted = likelihood.with_inflations([3.0])
+    gained, whole = (
+        some.log_density(truth)[0] - some.log_density(counted.start())[0] for some in (counted, likelihood)
+    )
+    assert gained == pytest.approx(whole / 3.0, rel=1e-9)
+
+
+@pytest.mark.slow
+def test_intervals_hold_the_truth_beside_correlated_noise(tmp_path):
+    """κ and b of one bob over their standard deviations, 24 in all: RMS 0.6 to 1.4 in 998 of 1000 such tests. Were the
+    noise taken as white, it would be 1.7."""
+    errors = []
+    for seed in range(12):
+        soft = SoftCradle(1, k_f=18000.0, kappa=190.0, b=0.002)
+        made = record(soft, {1: 0.228}, duration=20.0, correlation_time=-1.0 / (60.0 * math.log(0.5)), seed=seed)
+        told = {1: 0.228 + 1e-3 * float(np.random.default_rng(seed).standard_normal())}
+        path = write_experiment(tmp_path / str(seed), [made], stated={"kappa": 187.0, "b": 0.0023},
+                                release={"angles": told})  # fmt: skip
+        posterior = calibrate(Experiment.load(path))
+        for name, value in (("kappa", 190.0), ("b", 0.002)):
+            logs = np.log(posterior.samples(name) / value)
+            errors.append(logs.mean() / logs.std())
+    assert 0.6 < np.sqrt(np.mean(np.square(errors))) < 1.4
+
+
 def test_impossible_points_have_no_density():
     likelihood = Likelihood(experiment())
     point = likelihood.start()
@@ -137,7 +176,9 @@ def test_what_cannot_matter_is_left_out():
 def test_some_of_the_parameters_are_inferred_alone(tmp_path):
     posterior = calibrate(experiment(seconds=3.0), ["b"], steps=50.0, max_steps=60.0)  # whole numbers, if as floats
     assert posterior.likelihood.names == ["b", "release_angle_error@1"]
+    posterior = dataclasses.replace(posterior, likelihood=posterior.likelihood.with_inflations([2.5]))
     loaded = Posterior.load(posterior.save(tmp_path / "posterior.nc"))
+    assert loaded.likelihood.inflations == (2.5,)
     assert loaded.likelihood.names == posterior.likelihood.names
     np.testing.assert_allclose(loaded.chain, posterior.chain, rtol=1e-12)
 

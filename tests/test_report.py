@@ -1,5 +1,6 @@
 """The report and the pictures: drawn for any experiment, and saying first whether to trust them."""
 
+import dataclasses
 import html.parser
 import json
 import re
@@ -127,6 +128,16 @@ def test_the_report_says_first_whether_to_trust_it(gap, converged, tmp_path):
     assert ("The model does not describe these data" in first) is (gap > 2.0)
     assert ("The intervals must not be trusted" in first) is (gap > 2.0)
     assert ("R̂ = 1.0700, wanted below 1.01" in first) is not converged
+
+
+def test_the_report_tells_of_correlated_readings(tmp_path):
+    posterior = made_up_posterior(experiment("one bob"))
+    for inflation, told in ((1.0, False), (1.857, True)):
+        likelihood = posterior.likelihood.with_inflations([inflation])
+        results.save_calibration(dataclasses.replace(posterior, likelihood=likelihood), tmp_path)
+        text = (tmp_path / "report.html").read_text(encoding="utf-8")
+        assert ("is correlated: 1.9 of them count" in text) is told
+    assert json.loads((tmp_path / "summary.json").read_text())["noise_inflation"] == [1.857]
 
 
 def test_pictures_are_the_same_each_time_and_leave_matplotlib_alone():

@@ -42,7 +42,7 @@ def chains(folder, steps, seed=3):
     checkpoint = Checkpoint(folder / "chain.h5", likelihood, seed)
     if not checkpoint.exists():
         # Off centre and half as wide: the proposals must not need a good mode to be exact.
-        checkpoint.begin(Mode(np.array([0.5, -0.5]), 0.25 * np.eye(2), 0.0), [])
+        checkpoint.begin(Mode(np.array([0.5, -0.5]), 0.25 * np.eye(2), 0.0), [], [1.0])
     verdict = sample(likelihood, checkpoint, steps=steps, max_steps=20000, progress=quiet)
     return verdict, checkpoint.read()
 
@@ -61,7 +61,8 @@ def test_a_known_posterior_is_recovered(tmp_path):
 def test_jumps_are_kept_beside_the_chains(tmp_path):
     checkpoint, rng = Checkpoint(tmp_path / "chain.h5", Gaussian(), 0), np.random.default_rng(0)
     jumps = [Jumps(rng.standard_normal((30, k)), rng.standard_normal(k)) for k in (2, 0)]
-    checkpoint.begin(Mode(np.zeros(2), np.eye(2), 0.0), jumps)
+    checkpoint.begin(Mode(np.zeros(2), np.eye(2), 0.0), jumps, [1.0, 3.0])
+    assert checkpoint.inflations() == [1.0, 3.0]
     for kept, own in zip(checkpoint.jumps(), jumps, strict=True):
         np.testing.assert_array_equal(kept.directions, own.directions)
         np.testing.assert_array_equal(kept.sizes, own.sizes)
@@ -155,7 +156,7 @@ def test_chains_of_an_edited_effect_are_refused(tmp_path):
     likelihood = Gaussian()
     checkpoint, cradle = Checkpoint(tmp_path / "chain.h5", likelihood, 3), likelihood.experiment.cradle
     cradle.composition = [CATALOGUE[0], braked(1.0)]
-    checkpoint.begin(Mode(np.zeros(2), np.eye(2), 0.0), [])
+    checkpoint.begin(Mode(np.zeros(2), np.eye(2), 0.0), [], [1.0])
     cradle.composition = [CATALOGUE[0], braked(1.0)]
     assert checkpoint.exists()
     cradle.composition = [CATALOGUE[0], braked(2.0)]

@@ -16,7 +16,7 @@ from identification.fit import mode_at, training_rows, unit
 from identification.foretold import allowed_gap
 from identification.jumps import widened
 from identification.likelihood import Likelihood, rms
-from identification.noise import correlation_time, estimated_noise, noise_of
+from identification.noise import correlation, estimated_noise, inflation, noise_of
 from identification.rough import broad_jacobian
 
 #: Directions that the readings hold less than this share of, of the best known one, count as not seen at all.
@@ -124,25 +124,23 @@ class Fitted:
         return colour(self.residuals[: self.count], self.readings)
 
     @functools.cached_property
-    def correlation_times(self) -> list[float]:
-        """τ [s] of the noise of each run, 0 where it is white, as the residuals of successive readings have it."""
-        own = [self._series(k) for k in range(len(self.experiment.runs))]
-        return [correlation_time([(self.readings.time[i], self.residuals[i]) for i in series]) for series in own]
+    def correlations(self) -> list[float]:
+        """ρ of successive readings of each run, 0 where their noise is white."""
+        times, residuals = self.readings.time, self.residuals
+        runs = range(len(self.experiment.runs))
+        return [correlation([(times[rows], residuals[rows]) for rows in self._series(k)]) for k in runs]
 
     @property
     def noise_inflation(self) -> float:
-        """By how much the noise hides more of slow motion than white noise of its size does, as χ²: (1 + ρ)/(1 − ρ)."""
-        inflations = []
-        for k, tau in enumerate(self.correlation_times):
-            spacing = [float(np.median(np.diff(self.readings.time[i]))) for i in self._series(k)] if tau > 0.0 else []
-            inflations += [1.0 / math.tanh(0.5 * dt / tau) for dt in spacing] or [1.0] * self.cradle.bobs
-        return float(np.mean(inflations))
+        """By how much noise hides more of slow motion than white noise of its size, as χ²: the mean over readings."""
+        counts = np.bincount(self.readings.run, minlength=len(self.correlations))
+        return float(np.average([inflation(rho) for rho in self.correlations], weights=counts))
 
     def _series(self, run: int) -> list[np.ndarray]:
         """Where the residuals of each bob of a run stand, in order of time."""
         at = self.readings
         here = [np.flatnonzero((at.run == run) & (at.bob == bob)) for bob in range(self.cradle.bobs)]
-        return [rows for rows in here if len(rows) > 1]
+        return [rows for rows in here if len(rows) > 2]
 
     @functools.cached_property
     def covariance(self) -> np.ndarray:
@@ -180,9 +178,10 @@ class Fitted:
         estimated: of each run, whether its noise is an estimate, which then is made anew from each replicate.
         """
         noise = rng.standard_normal((len(self.residuals), count))
-        for k, tau in enumerate(self.correlation_times):
-            for rows in self._series(k) if tau > 0.0 else []:
-                kept = np.exp(-np.diff(self.readings.time[rows]) / tau)
+        for k, rho in enumerate(self.correlations):
+            for rows in self._series(k) if rho > 0.0 else []:
+                spacing = np.diff(self.readings.time[rows])
+                kept = rho ** (spacing / np.median(spacing))
                 for before, row, share in zip(rows, rows[1:], kept, strict=False):
                     noise[row] = share * noise[before] + math.sqrt(1.0 - share**2) * noise[row]
         for k in np.flatnonzero(estimated):
