@@ -196,6 +196,18 @@ class Apparatus:
         #: Whether the model states that contacts last as long as real ones.
         self.lasting = self.bobs > 2 and not _UNEVEN.isdisjoint(names) and _LASTING not in names
 
+    def strongest(self, i: int) -> float:
+        """The strength of what is hidden up to which a search may go: that of the effect's own bounds."""
+        from cradle_env.effects import effect
+
+        kind, far = self.case.kinds[i], 100.0
+        if self.in_no_catalogue:
+            return far * kind.strength
+        bound = next(p for p in effect(kind.name).parameters if p.key == kind.key)
+        if kind.inverse:
+            return min(far * kind.strength, kind.strength**2 / bound.low)
+        return min(far * kind.strength, bound.high / float(np.abs(self.patterns[i]).max() if kind.each else 1.0))
+
     def effects(self, strengths: list[float], variant: bool = False) -> dict:
         """What is hidden at these strengths, as the soft reference has it: by the formula, or by the variant."""
         found: dict = {}
@@ -356,20 +368,20 @@ def strengths_for(apparatus: Apparatus, oracle: Oracle) -> list[float]:
     """Strengths at which what is hidden leaves the Δχ² that the case asks; of two, each alone."""
     case, found = apparatus.case, []
     for i, kind in enumerate(case.kinds):
-        s = kind.strength
+        s, most = kind.strength, apparatus.strongest(i)
         for refitted, tries in ((False, _SEARCHES), (True, _SEARCHES // 2)):
             weaker = stronger = None
             for _ in range(tries):
                 reached = oracle.delta([s if j == i else 0.0 for j in range(len(case.kinds))], refitted)
                 lack = float(np.log(case.target / max(reached, 0.01 * case.target)))
-                if abs(lack) < 0.3:
+                if abs(lack) < 0.3 or (s == most and lack > 0.0):
                     break
                 weaker, stronger = ((s, lack), stronger) if lack > 0.0 else (weaker, (s, lack))
                 if weaker and stronger:
                     share = weaker[1] / (weaker[1] - stronger[1])
                     s = weaker[0] * (stronger[0] / weaker[0]) ** share
                 else:
-                    s *= float(np.exp(0.5 * lack))
+                    s = min(s * float(np.exp(0.5 * lack)), most)
         found.append(s)
     return found
 
