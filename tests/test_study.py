@@ -1,15 +1,29 @@
 """The study of diagnoses: how it judges, what it counts, and that its page is made of its rows."""
 
 import json
+import math
 import subprocess
 from collections import Counter
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from identification.bench import diagnosis as bench
 from tests.independent.laboratory import correlated_noise
-from tests.study import HELD_OUT, ROUNDS, SINGLES, Apparatus, Case, Oracle, Settings, _commit, cases, held_out
+from tests.study import (
+    HELD_OUT,
+    ROUNDS,
+    SINGLES,
+    Apparatus,
+    Case,
+    Oracle,
+    Settings,
+    _commit,
+    cases,
+    held_out,
+    strengths_for,
+)
 from tests.study_rows import below, confounded, exact, first, inside, of_the_right_model
 from tests.study_table import PAGE, ROWS, misses, share, summary, text
 
@@ -245,3 +259,22 @@ def test_no_case_is_judged_by_code_that_is_not_committed(tmp_path):
     source.write_text("one = 2\n")
     with pytest.raises(RuntimeError, match=r"(?s)commit these first.*code\.py"):
         _commit(tmp_path)
+
+
+@pytest.mark.parametrize("power", [1.0, 4.0])
+def test_strengths_are_found_where_the_oracle_has_what_was_asked(power):
+    case = next(case for case in cases([12]) if case.name == "12-pivot_friction")
+    asked = []
+
+    def delta(strengths, refitted):
+        asked.append(refitted)
+        return (2.0 if refitted else 1.0) * (strengths[0] / 1e-4) ** power
+
+    [found] = strengths_for(Apparatus(case), SimpleNamespace(delta=delta))
+    assert abs(math.log(2.0 * (found / 1e-4) ** power / case.target)) < 0.3
+    assert asked.count(True) <= 4
+
+
+def test_no_strength_is_tried_that_the_effect_cannot_have():
+    case = next(case for case in cases([12]) if case.name == "12-contact_duration")
+    assert strengths_for(Apparatus(case), SimpleNamespace(delta=lambda *_: 0.0)) == [3.0]
