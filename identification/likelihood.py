@@ -97,15 +97,20 @@ class Likelihood:
         other.inflations = tuple(inflations)
         return other
 
-    def noise_inflations(self, point: np.ndarray) -> list[float]:
-        """Those of each run, by what is left at a point."""
+    def correlations(self, residuals: np.ndarray) -> list[float]:
+        """ρ of successive readings of each run by residuals (R,), 0 where their noise is white."""
         found = []
-        for k, (run, rows) in enumerate(zip(self.experiment.runs, self.rows, strict=True)):
-            left = self.predict(point, k, rows)[0] - run.readings[rows] if rows.any() else np.empty((0, 0))
-            seen = np.isfinite(left)
-            series = [(run.times[rows][own], bob[own]) for bob, own in zip(left.T, seen.T, strict=True)]
-            found.append(inflation(correlation(series)))
+        for run, rows, part in zip(self.experiment.runs, self.rows, self.parts(), strict=True):
+            left = np.full(run.readings[rows].shape, np.nan)
+            seen = ~np.isnan(run.readings[rows])
+            left[seen] = residuals[part]
+            bobs = zip(left.T, seen.T, strict=True)
+            found.append(correlation([(run.times[rows][own], bob[own]) for bob, own in bobs]))
         return found
+
+    def noise_inflations(self, point: np.ndarray) -> list[float]:
+        """How many readings of each run count for one, by what is left at a point."""
+        return [inflation(rho) for rho in self.correlations(self.residuals(point))]
 
     def parts(self) -> list[slice]:
         """Where the readings of each run stand among the residuals."""

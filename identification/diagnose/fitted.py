@@ -16,7 +16,7 @@ from identification.fit import mode_at, training_rows, unit
 from identification.foretold import allowed_gap
 from identification.jumps import widened
 from identification.likelihood import Likelihood, rms
-from identification.noise import correlation, estimated_noise, inflation, noise_of
+from identification.noise import estimated_noise, inflation, noise_of
 from identification.rough import broad_jacobian
 
 #: Directions that the readings hold less than this share of, of the best known one, count as not seen at all.
@@ -126,9 +126,7 @@ class Fitted:
     @functools.cached_property
     def correlations(self) -> list[float]:
         """ρ of successive readings of each run, 0 where their noise is white."""
-        times, residuals = self.readings.time, self.residuals
-        runs = range(len(self.experiment.runs))
-        return [correlation([(times[rows], residuals[rows]) for rows in self._series(k)]) for k in runs]
+        return self.likelihood.correlations(self.residuals)
 
     @property
     def noise_inflation(self) -> float:
