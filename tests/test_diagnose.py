@@ -19,7 +19,7 @@ from identification.cli import main
 from identification.diagnose import course, repair
 from identification.diagnose.candidates import candidates, starts
 from identification.diagnose.course import Course, Step
-from identification.diagnose.decide import Decision, decide, refitted, worth_refitting
+from identification.diagnose.decide import Decision, decide, judged, refitted, worth_refitting
 from identification.diagnose.diagnosis import VERDICTS, Interval, effect_parameters
 from identification.diagnose.fitted import Fitted, with_known_noise
 from identification.diagnose.intervals import intervals
@@ -384,6 +384,18 @@ def test_correlated_noise_is_nothing_that_is_missing(plain):
             ps.append(locate(fitted, fitted.replicates(100, rng, (False,))).p)
     assert np.sum(np.array(found["as correlated"]) < 0.05) <= 3
     assert np.sum(np.array(found["white"]) < 0.05) >= 7
+
+
+def test_correlated_noise_counts_once_in_a_gain():
+    """What the replicas have of it is not taken from the gain that is held against them; what is beyond that is."""
+    candidate = next(c for c in candidates(Cradle(bobs=1)) if c.name == "quadratic_drag")
+    fit = SimpleNamespace(chi2=960.0, point=np.zeros(4), held_out_gap=lambda: 1.0)
+
+    def p(noise_inflation: float, inflation: float) -> float:
+        base = SimpleNamespace(chi2=1000.0, point=np.zeros(3), noise_inflation=noise_inflation)
+        return judged(base, candidate, fit, np.full(9, 2.0), inflation, 900.0).p
+
+    assert p(3.0, 3.0) == p(3.0, 2.0) == p(1.0, 1.0) < p(1.0, 3.0) == p(3.0, 9.0)
 
 
 def test_estimated_noise_widens_the_replicates(plain):
