@@ -194,7 +194,7 @@ def test_a_clock_a_thousandth_off(tmp_path, scale, rivals, monkeypatch):
     if rivals:
         kept = ("clock_scale", *rivals, *effects.MODELS["nsp"], *(e.name for e in effects.LEARNED))
         monkeypatch.setattr(effects, "_EFFECTS", {name: effects.effect(name) for name in kept})
-    path = write_experiment(tmp_path, [filmed({"clock_scale": {"scale": scale}}, duration=10.0)], stated=STATED)
+    path = write_experiment(tmp_path, [filmed({"clock_scale": {"scale": scale}}, duration=7.0)], stated=STATED)
     assert main(["diagnose", str(path), "--out", str(tmp_path), "--workers", "1"]) == 0
     content = json.loads((tmp_path / "diagnosis.json").read_text(encoding="utf-8"))
     named = [[step["effect"]] for step in content["steps"]] + content["equivalent"]

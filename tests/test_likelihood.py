@@ -174,7 +174,8 @@ def test_what_cannot_matter_is_left_out():
 
 
 def test_some_of_the_parameters_are_inferred_alone(tmp_path):
-    posterior = calibrate(experiment(seconds=3.0), ["b"], steps=50.0, max_steps=60.0)  # whole numbers, if as floats
+    one_bob = Experiment(Cradle(bobs=1), (simulated_run(Cradle(bobs=1), duration=3.0),))
+    posterior = calibrate(one_bob, ["b"], steps=50.0, max_steps=60.0)  # whole numbers, if as floats
     assert posterior.likelihood.names == ["b", "release_angle_error@1"]
     posterior = dataclasses.replace(posterior, likelihood=posterior.likelihood.with_inflations([2.5]))
     loaded = Posterior.load(posterior.save(tmp_path / "posterior.nc"))
