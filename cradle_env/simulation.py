@@ -149,7 +149,6 @@ def records(cradle: Cradle, step_factor: float = 1.0) -> tuple[np.ndarray, np.nd
     bobs["mobility"], bobs["fall"] = 1.0 / inertia, cradle.gravity * (bobs["mass"] / inertia)
     middle = np.arange(cradle.bobs) - 0.5 * (cradle.bobs - 1)
     bobs["misplaced"] = cradle.pivots - middle * 2.0 * cradle.radius * (1.0 + np.mean(cradle.delta))
-    bobs["slack"] = bobs["length"]
     bobs["string"] = np.hypot(bobs["length"], bobs["half_spacing"])
     bobs["grip"] = 4.0 * bobs["length"] / bobs["string"]
     angular = np.sqrt(cradle.gravity / bobs["length"].min())

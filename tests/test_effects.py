@@ -249,6 +249,18 @@ def test_present_is_what_it_says(effect: Effect) -> None:
     assert without > 10 * example.tolerance, "the example does not show the effect"
 
 
+@pytest.mark.parametrize("strings, effects", [("hysteretic", {}), ("elastic", {"-string_hysteresis": {}})])
+def test_strings_creep_while_bobs_fly(strings, effects) -> None:
+    """One bob, whose reference has no contacts to be soft: 2e-10 rad are left; 2e-6 to 5e-5 where strings creep from
+    one step to the next only. The ledger closes as without creep; where the strings' work is that at their length in
+    the middle of a step, to 1.5e-6 J."""
+    times, values = np.arange(0.0, 30.0, 1.0 / 60.0), {"string_creep": {"rate": 1e-3}}
+    soft = SoftCradle(1, kappa=Cradle().kappa, strings=strings, effects=values)
+    run = simulate(Cradle(bobs=1, effects=values | effects), Release(angle=0.3), times=times)
+    np.testing.assert_allclose(run.theta, simulate_soft(soft, {1: 0.3}, times=times).theta, rtol=0, atol=1e-8)
+    assert np.ptp(run.energy().total) < 2e-7
+
+
 @EACH
 def test_ledger_closes(effect: Effect) -> None:
     example = EXAMPLES[effect.name]

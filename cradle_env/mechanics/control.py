@@ -285,7 +285,7 @@ def drawing(cradles, bobs, S, episodes, k, out):
         if cradles[k].elastic:
             r2 = (x - pivot_between(cradles[k], bob, S[k], t)[0]) ** 2 + z * z
             t0, t1, t2 = S[k, i, TENSION], S[k, i, TENSION + 1], S[k, i, TENSION + 2]
-            pull = tension(t0, t1, t2, stretch(bob, r2))
+            pull = tension(t0, t1, t2, stretch(bob, t, r2))
             out[i, 2] = pull * bob.grip / (bob.mass * cradles[k].gravity)
         x, z, vx, vz = place(cradles[k], bob, t, x, z, vx, vz)
         out[i, 0], out[i, 1] = x, z

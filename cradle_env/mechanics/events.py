@@ -53,7 +53,7 @@ from cradle_env.mechanics.parameters import (
     WHOSE,
     WORK,
 )
-from cradle_env.mechanics.strings import slacken, stretch, turn
+from cradle_env.mechanics.strings import stretch, turn, unstretched
 
 # What a run can end with.
 DONE, FULL, STALLED, NOT_FINITE, NO_REST = 0, 1, 2, 3, 4
@@ -150,8 +150,6 @@ def finish(cradle, bobs, S, W, bob, times, motion, energy):
         arrive(cradle, bobs, S, i, S[i, T1], S, END, times, motion, energy)
         for c in range(DIM):
             S[i, RATE0 + c] = S[i, RATE1 + c]
-    if bobs[lo].creep != 0.0:  # the strings have just been slackened
-        derivative(cradle, bobs, S, W, lo, hi, S[lo, T0], S, START, S, RATE0)
     if cause == TURN:
         turn_string(cradle, bobs[whose], S, whose, 1.0 if S[whose, BRANCH] == UNLOADING else -1.0)
     elif cause == TAUT:
@@ -169,19 +167,17 @@ def arrive(cradle, bobs, S, i, t, A, c, times, motion, energy):
     """Makes the motion in A, from column c on, bob i's new start at time t [s]; takes the samples due before."""
     sample(cradle, bobs, S, i, t, np.False_, times, motion, energy)
     if cradle.elastic:
-        S[i, WORK] += string_work(cradle, bobs[i], S, i, radius_and_speed(cradle, bobs[i], t, A, i, c)[0])
+        r, v = radius_and_speed(cradle, bobs[i], t, A, i, c)
+        S[i, WORK] += string_work(cradle, bobs[i], S, i, t, r, v)
     for k in range(DIM):
         S[i, START + k] = A[i, c + k]
     S[i, T0] = t
-    if bobs[i].creep != 0.0:
-        # For a segment as long as usual the slack is that of its middle.
-        slacken(bobs[i], t + 0.5 * cradle.step)
 
 
 @jit
 def turn_string(cradle, bob, S, i, direction):
-    """Switches the branch of bob i's strings for a radius that goes in `direction`; books what they lost."""
-    s = stretch(bob, radius_and_speed(cradle, bob, S[i, T0], S, i, START)[0] ** 2)
+    """Switches the branch of bob i's strings for a stretch that goes in `direction`; books what they lost."""
+    s = stretch(bob, S[i, T0], radius_and_speed(cradle, bob, S[i, T0], S, i, START)[0] ** 2)
     if S[i, BRANCH] == SLACK or cradle.hysteretic == 0 or (S[i, BRANCH] == UNLOADING and s < 1e-9):
         s = 0.0  # at the event of zero stretch, located to rounding
     if turn(cradle, bob, S, i, s, direction):
@@ -195,9 +191,11 @@ def turn_after_impact(cradle, bobs, S, lo, hi):
     """Puts the strings of the bobs lo..hi-1, whose velocities have jumped, on the branch of their new motion."""
     if cradle.hysteretic:
         for i in range(lo, hi):
-            v = radius_and_speed(cradle, bobs[i], S[i, T0], S, i, START)[1]
-            if v != 0.0 and S[i, BRANCH] != SLACK:
-                turn_string(cradle, bobs[i], S, i, v)
+            r, v = radius_and_speed(cradle, bobs[i], S[i, T0], S, i, START)
+            string, growth = unstretched(bobs[i], S[i, T0])
+            direction = r * v - string * growth
+            if direction != 0.0 and S[i, BRANCH] != SLACK:
+                turn_string(cradle, bobs[i], S, i, direction)
 
 
 @jit

@@ -34,6 +34,7 @@ from cradle_env.mechanics.parameters import (
     TURN,
     WHOSE,
 )
+from cradle_env.mechanics.strings import unstretched
 
 # A string is not asked to turn for less than this radial speed [m/s]: rounding at rest.
 _LEAST_SPEED = 1e-10
@@ -113,8 +114,9 @@ def contact_step(cradle, bobs, S, lo, hi, h):
 def string_event(cradle, bob, S, i, h):
     """(instant, kind) of the first string event of bob i on a segment of h [s]; (h, GRID) where there is none.
 
-    Half of r^2 - r0^2 is the quintic with the values and two derivatives of both ends: TAUT at its zero, TURN at
-    its slope's. Its error sets a string's branch late by dt, which misses a blow of the order dt^2 only.
+    Half of r^2 - r0^2, r0 where the strings are just straight, is the quintic with the values and two derivatives of
+    both ends: TAUT at its zero, TURN at its slope's. Its error sets a string's branch late by dt, which misses a blow
+    of the order dt^2 only.
     """
     q0, p0, a0 = half_square(bob, S[i, T0], S, i, START, RATE0)
     q1, p1, a1 = half_square(bob, S[i, T0] + h, S, i, END, RATE1)
@@ -143,11 +145,14 @@ def string_event(cradle, bob, S, i, h):
 
 @leaf
 def half_square(bob, t, S, i, c, rate):
-    """(r^2 - r0^2) / 2, r0 that of slack, of bob i at time t [s] and its two derivatives by time."""
+    """(r^2 - r0^2) / 2, r0 where the strings are just straight, of bob i at time t [s] and its two derivatives by
+    time."""
     x, z = S[i, c] - pivot_at(bob, t) - S[0, c + FRAME], S[i, c + 1]
     vx, vz = S[i, c + 2] - bob.drive - S[0, c + FRAME + 1], S[i, c + 3]
     bend = vx * vx + vz * vz + x * (S[i, rate + 2] - S[0, rate + FRAME + 1]) + z * S[i, rate + 3]
-    return 0.5 * (x * x + z * z - bob.slack * bob.slack), x * vx + z * vz, bend
+    string, growth = unstretched(bob, t)
+    value = 0.5 * (x * x + z * z + bob.half_spacing * bob.half_spacing - string * string)
+    return value, x * vx + z * vz - string * growth, bend - growth * growth + string * growth / (1.0 + t)
 
 
 @leaf

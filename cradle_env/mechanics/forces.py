@@ -112,7 +112,7 @@ def rates(cradle, bob, t0, t1, t2, t, pivot, drive, x, z, vx, vz):
         return rates_on_rigid_strings(cradle, bob, t, drive, x, vx)
     from_pivot = x - pivot
     r2 = from_pivot * from_pivot + z * z
-    pull = bob.grip * bob.mobility / math.sqrt(r2) * tension(t0, t1, t2, stretch(bob, r2))
+    pull = bob.grip * bob.mobility / math.sqrt(r2) * tension(t0, t1, t2, stretch(bob, t, r2))
     drag = bob.b * bob.mobility
     ax, az = -pull * from_pivot - drag * vx, -pull * z - drag * vz - bob.fall
     power, hold = bob.b * (vx * vx + vz * vz), pull * from_pivot / bob.mobility

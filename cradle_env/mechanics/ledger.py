@@ -7,7 +7,7 @@ from cradle_env.mechanics.forces import radius_and_speed
 from cradle_env.mechanics.jit import jit
 from cradle_env.mechanics.motion import between, cubic_between, pivot_between
 from cradle_env.mechanics.parameters import BROUGHT, CONTACT_LOSS, DRAG, LOST, START, T0, T1, TENSION, WORK
-from cradle_env.mechanics.strings import work_between
+from cradle_env.mechanics.strings import stretch, unstretched, work_between
 
 
 @jit
@@ -19,10 +19,18 @@ def motion_at(S, i, t):
 
 
 @jit
-def string_work(cradle, bob, S, i, r):
-    """Energy [J] that bob i's strings take from the start of its segment to radius r [m]."""
-    r0 = radius_and_speed(cradle, bob, S[i, T0], S, i, START)[0]
-    return work_between(bob, S[i, TENSION], S[i, TENSION + 1], S[i, TENSION + 2], r0, r)
+def string_work(cradle, bob, S, i, t, r, v):
+    """Energy [J] that bob i's strings take from the start of its segment to time t [s], when its radius is r [m] and
+    changes by v [m/s]."""
+    r0, v0 = radius_and_speed(cradle, bob, S[i, T0], S, i, START)
+    middle, h = 0.5 * (S[i, T0] + t), t - S[i, T0]
+    t0, t1, t2 = S[i, TENSION], S[i, TENSION + 1], S[i, TENSION + 2]
+    work = work_between(bob, middle, t0, t1, t2, r0, r)
+    if bob.creep != 0.0:  # evenly about the middle: power changes by its distance in time from there
+        stiffer0 = (t1 + 2.0 * t2 * stretch(bob, S[i, T0], r0 * r0)) * v0
+        stiffer = (t1 + 2.0 * t2 * stretch(bob, t, r * r)) * v
+        work -= bob.grip * unstretched(bob, middle)[1] * h * h * (stiffer - stiffer0) / 12.0
+    return work
 
 
 @jit
@@ -38,8 +46,10 @@ def book(cradle, bobs, S, i, t):
         potential = attraction_energy(cradle, bobs, i - 1, t, x0, z0, x, z)
     if cradle.elastic:
         height = z
-        from_pivot = x - pivot_between(cradle, bob, S, t)[0]
-        strings = S[i, WORK] + string_work(cradle, bob, S, i, math.sqrt(from_pivot * from_pivot + z * z))
+        pivot, drive = pivot_between(cradle, bob, S, t)
+        from_pivot = x - pivot
+        r = math.sqrt(from_pivot * from_pivot + z * z)
+        strings = S[i, WORK] + string_work(cradle, bob, S, i, t, r, (from_pivot * (vx - drive) + z * vz) / r)
     elif cradle.large_angle:
         sin, cos, along = math.sin(x), math.cos(x), bob.length * vx
         height, vx, vz = -bob.length * cos, along * cos + bob.drive, along * sin

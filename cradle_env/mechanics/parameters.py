@@ -78,8 +78,7 @@ BOB = np.dtype(
         ("drive", "f8"),  # its velocity along x, m/s
         ("length", "f8"),  # r0, m
         ("half_spacing", "f8"),  # a, m
-        ("slack", "f8"),  # radius at which the strings are just straight: r0, and what they have crept, m
-        ("string", "f8"),  # sqrt(slack^2 + a^2), m
+        ("string", "f8"),  # length of an unstretched string that has not crept, sqrt(r0^2 + a^2), m
         ("creep", "f8"),  # string_creep, m
         ("grip", "f8"),  # radial force of the four strings per tension of one, 4 r0 / string (eq. 5)
         ("kappa", "f8"),  # loading stiffness of one string, N/m

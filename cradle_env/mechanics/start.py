@@ -50,7 +50,7 @@ def put(cradle, bob, S, i, theta, r):
         S[i, START + c] = 0.0
     if cradle.elastic:
         S[i, START], S[i, START + 1] = bob.pivot + r * math.sin(theta), -r * math.cos(theta)
-        S[i, WORK] = work_between(bob, 0.0, bob.kappa, 0.0, bob.length, max(r, bob.length))
+        S[i, WORK] = work_between(bob, S[i, T0], 0.0, bob.kappa, 0.0, bob.length, max(r, bob.length))
     else:
         S[i, START] = theta
 
@@ -166,7 +166,7 @@ def moving(cradle, bobs, theta, theta_dot, r, r_dot, tension_ratio, S, W):
             sin, cos, v = math.sin(theta[i]), math.cos(theta[i]), radius * theta_dot[i]
             S[i, START + 2] = r_dot[i] * sin + v * cos
             S[i, START + 3] = v * sin - r_dot[i] * cos
-            s = stretch(bobs[i], radius * radius)
+            s = stretch(bobs[i], S[i, T0], radius * radius)
             if s < 0.0:
                 take_branch(bobs[i], S, i, SLACK, s, 0.0)
             elif cradle.hysteretic:

@@ -13,17 +13,17 @@ from cradle_env.mechanics.parameters import BRANCH, LOADING, SLACK, TENSION, UNL
 
 
 @leaf
-def stretch(bob, r2):
-    """s [m] of a string of `bob` at squared radius r2 [m^2]."""
-    return math.sqrt(r2 + bob.half_spacing * bob.half_spacing) - bob.string
+def unstretched(bob, t):
+    """(L [m], dL/dt [m/s]) of a string of `bob` just straight at time t [s]: strings may creep."""
+    if bob.creep == 0.0:
+        return bob.string, 0.0
+    return bob.string + bob.creep * math.log1p(t), bob.creep / (1.0 + t)
 
 
-@jit
-def slacken(bob, t):
-    """Lengthens the strings of a bob to what they have crept by t [s] after the release."""
-    a2 = bob.half_spacing * bob.half_spacing
-    bob.string = math.sqrt(bob.length * bob.length + a2) + bob.creep * math.log1p(t)
-    bob.slack = math.sqrt(bob.string * bob.string - a2)
+@leaf
+def stretch(bob, t, r2):
+    """s [m] of a string of `bob` at time t [s] and squared radius r2 [m^2]."""
+    return math.sqrt(r2 + bob.half_spacing * bob.half_spacing) - unstretched(bob, t)[0]
 
 
 @leaf
@@ -80,14 +80,14 @@ def follow(cradle, bob, S, path, out):
 
 
 @jit
-def work_between(bob, t0, t1, t2, r0, r1):
-    """Energy [J] that the four strings take while the radius goes from r0 to r1 [m] on one branch.
+def work_between(bob, t, t0, t1, t2, r0, r1):
+    """Energy [J] that the four strings take while the radius goes from r0 to r1 [m] on one branch, all at time t [s].
 
     The integral of 4 T r0 / sqrt(r0^2 + a^2) dr by three-point Gauss quadrature: the tension is all but a
     quadratic in r over the millimetres that a string stretches.
     """
     half, mid = 0.5 * (r1 - r0), 0.5 * (r1 + r0)
     node = 0.7745966692414834 * half
-    ends = tension(t0, t1, t2, stretch(bob, (mid - node) ** 2)) + tension(t0, t1, t2, stretch(bob, (mid + node) ** 2))
-    middle = tension(t0, t1, t2, stretch(bob, mid * mid))
-    return bob.grip * half * (5.0 * ends + 8.0 * middle) / 9.0
+    low, middle, high = mid - node, mid, mid + node
+    ends = tension(t0, t1, t2, stretch(bob, t, low * low)) + tension(t0, t1, t2, stretch(bob, t, high * high))
+    return bob.grip * half * (5.0 * ends + 8.0 * tension(t0, t1, t2, stretch(bob, t, middle * middle))) / 9.0
