@@ -80,3 +80,24 @@ def test_what_bends_the_readings_of_one_bob_has_a_limit(tmp_path):
     limits = {one.effect: one.limit for one in unseen(found.fitted, found.scored.scores)}
     assert not limits.keys() & {"group_drag", "bob_attraction"}
     assert all(0.0 < abs(limits[name]) < math.inf for name in ("quadratic_drag", "pivot_friction", "exposure_blur"))
+
+
+def test_what_kappa_makes_up_for_is_followed_beyond_first_order(tmp_path):
+    """κ makes up for added mass over hundreds of its standard deviations, where readings are far from what they are to
+    first order: by that one bob could not hide this mass. It does, κ is off by as much as is told for it, and twice the
+    limit leaves so much more χ², all else fitted again, as chance does once in twenty times: 3.8."""
+    mass = 3e-4
+    cradle = SoftCradle(1, stiffness_factor=1e6, effects={"added_mass": {"mass": mass}}, kappa=190.0, b=B)
+    recording = record(cradle, {1: 0.22}, duration=45.0, seed=3, noise=1e-3)
+    path = write_experiment(tmp_path, [recording], stated={"kappa": 187.0, "b": 0.0023})
+    searcher = Searcher(Store(None, ""), 0, None)
+    found = examine(searcher.globally(with_known_noise(Experiment.load(path))), 0, (False,))
+    assert not found.significant
+    own = next(s for s in found.scored.scores if s.candidate.name == "added_mass")
+    (told,) = unseen(found.fitted, [own])
+    place = found.fitted.likelihood.names.index("kappa")
+    off = (math.log(190.0) - found.fitted.point[place]) / math.sqrt(found.fitted.covariance[place, place])
+    assert told.limit is not None and mass < told.limit < 3.0 * mass
+    assert off == pytest.approx(told.moves["kappa"] * mass / told.limit, rel=0.1)
+    held = with_effects(found.fitted.experiment, {"added_mass": {"mass": 2.0 * told.limit}}, ())
+    assert searcher.nearby(held, found.fitted.values).chi2 - searcher.adding(found.fitted, own.candidate).chi2 > 3.8

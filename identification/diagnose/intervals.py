@@ -9,14 +9,14 @@ import numpy as np
 from scipy.stats import norm, truncnorm
 
 from identification.diagnose.fitted import Fitted
+from identification.diagnose.profile import profile_end
 from identification.fit import SEVERAL, bounds, refine
 from identification.likelihood import Likelihood
 
 #: Normal quantile of the ends of an interval.
 _END = float(norm.ppf(0.975))
-#: How near to it, relatively, a profile must come for its end to be read off; how much shorter a stride that went too
-#: far becomes; refits at most on the way to an end, and evaluations of each.
-_NEAR, _SHORTER, _MARCH, _EVALUATIONS = 0.15, (0.1, 0.7), 24, 40
+#: Evaluations of a refit on the way to an end.
+_EVALUATIONS = 40
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,38 +50,19 @@ def intervals(fitted: Fitted) -> dict[str, Interval]:
 
 def _profile_end(fitted: Fitted, i: int, step: float) -> float:
     """The coordinate of unknown i, on the side to which `step` leads [its standard deviation], where χ² over the
-    inflation, refitted in all others, has risen by that of the interval's end; its bound where it rises by less.
-
-    Refits march along the ridge on which the others follow it, in longer and longer steps, each from where the last
-    two point to.
-    """
+    inflation, refitted in all others, has risen by that of the interval's end; its bound where it rises by less."""
     likelihood, least, inflation = fitted.likelihood, fitted.chi2, fitted.coloured[0]
-    limit = float(bounds(likelihood)[0 if step < 0.0 else 1][i])
+    within = bounds(likelihood)
+    limit = float(within[0 if step < 0.0 else 1][i])
+
+    def refit(u: float, start: np.ndarray) -> tuple[np.ndarray, float]:
+        held = float(np.clip(fitted.point[i] + u * step, within[0][i], within[1][i]))
+        others, chi2 = refine(_Held(likelihood, i, held), np.delete(np.clip(start, *within), i), _EVALUATIONS)
+        return np.insert(others, i, held), math.sqrt(max(chi2 - least, 0.0) / inflation)
+
     ahead = fitted.covariance[i] / fitted.covariance[i, i] * step
-    at, risen, stride, growth = (
-        fitted.point,
-        0.0,
-        _END,
-        2.0,
-    )  # strides and rises in standard deviations, were all normal
-    for _ in range(_MARCH):
-        start = np.clip(at + stride * ahead, *bounds(likelihood))
-        others, chi2 = refine(_Held(likelihood, i, start[i]), np.delete(start, i), _EVALUATIONS)
-        reached = math.sqrt(max(chi2 - least, 0.0) / inflation)
-        if abs(reached - _END) < _NEAR * _END and reached > risen:
-            share = (_END - risen) / (reached - risen)
-            end = float(at[i] + share * (start[i] - at[i]))
-            return max(end, limit) if step < 0.0 else min(end, limit)
-        if reached > _END:  # too far
-            stride *= float(np.clip((_END - risen) / (reached - risen), *_SHORTER))
-            growth = 1.0
-        elif start[i] == limit:
-            return limit
-        else:
-            point = np.insert(others, i, start[i])
-            ahead = (point - at) / stride
-            at, risen, stride = point, reached, growth * stride
-    return float(at[i])
+    u, _ = profile_end(refit, fitted.point, ahead, (limit - fitted.point[i]) / step, _END)
+    return float(np.clip(fitted.point[i] + u * step, within[0][i], within[1][i]))
 
 
 class _Held(Likelihood):

@@ -2,7 +2,9 @@
 
 A strength s changes the residuals r by S s, of which a refit leaves S⊥ s. Data that show nothing of it
 leave s = −S⊥·r/|S⊥|² ± √c/|S⊥|, cut at its bounds (c: see `decide`); and with s the unknowns move by
-−J⁺ S s, to first order.
+−J⁺ S s, to first order. Where the readings there are others than that, as κ makes up for added mass over hundreds of
+its standard deviations, refits follow to where the data do exclude s: of fewer than three bobs, over which the misfit
+is smooth.
 """
 
 from __future__ import annotations
@@ -12,16 +14,25 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.interpolate import PchipInterpolator
 from scipy.stats import truncnorm
 
 from cradle_env.effects import Parameter
 from cradle_env.simulation import SimulationError
-from identification.diagnose.candidates import Candidate, is_strength, strength
+from identification.diagnose.candidates import Candidate, is_strength, strength, with_effects
 from identification.diagnose.fitted import Fitted
+from identification.diagnose.profile import profile_end
 from identification.diagnose.score import LEAST_SEEN, Score, Sensed, change
+from identification.fit import SEVERAL, bounds, refine
+from identification.likelihood import Likelihood
 
 #: Probability that the true strength is below its limit; rounds in which that is found.
 _SURE, _ROUNDS = 0.95, 4
+#: χ² over the inflation by which readings at a limit may differ from what they are to first order.
+_BENT = 0.5
+#: Profiles: standard deviations up to which they are followed, evaluations of each refit, strengths at which their
+#: probability is summed.
+_END, _EVALUATIONS, _GRID = 3.0, 40, 2001
 
 
 @dataclass(frozen=True)
@@ -47,29 +58,13 @@ class Unseen:
 
 def unseen(fitted: Fitted, scores: Sequence[Score]) -> tuple[Unseen, ...]:
     """Of each absent effect with one strength, how much data may hide; what would move unknowns most comes first."""
-    deviations = np.sqrt(np.diag(fitted.covariance))
-    names = [name for name in ("k_f", "kappa", "b") if name in fitted.likelihood.names]
-    places = [fitted.likelihood.names.index(name) for name in names]
-    lengths = np.linalg.norm(fitted.jacobian, axis=0)
-    lengths[lengths == 0.0] = 1.0
     found = []
     for own in scores:
         strengths = [p for p in own.candidate.declaration.parameters if is_strength(p)]
         single = [sensed for sensed in own.sensed if sensed.S.shape[1] == 1]
-        if len(strengths) != 1 or not single:
-            continue
-        limits = [_limit(fitted, own.candidate, sensed, strengths[0]) for sensed in single]
-        if None in limits:
-            found.append(Unseen(own.candidate.name, own.candidate.alike, strengths[0], None, {}))
-            continue
-        several = []
-        for limit, column in filter(None, limits):
-            moved = -(np.linalg.lstsq(fitted.jacobian / lengths, column)[0] / lengths / deviations)[places]
-            moves = dict(zip(names, map(float, moved), strict=True))
-            several.append(
-                Unseen(own.candidate.name, own.candidate.alike, strengths[0], strength(strengths[0], limit), moves)
-            )
-        found.append(max(several, key=_farthest))
+        if len(strengths) == 1 and single:
+            several = [_hidden(fitted, own.candidate, sensed, strengths[0]) for sensed in single]
+            found.append(max(several, key=_farthest))
     return tuple(sorted(found, key=_farthest, reverse=True))
 
 
@@ -77,16 +72,36 @@ def _farthest(one: Unseen) -> float:
     return max(map(abs, one.moves.values()), default=math.inf)
 
 
-def _limit(
-    fitted: Fitted, candidate: Candidate, sensed: Sensed, parameter: Parameter
-) -> tuple[float, np.ndarray] | None:
-    """The strength [scales] that is as far from none as the data allow, and the change of the residuals there; None
-    where the data do not see the effect, or not within its bounds."""
+def _hidden(fitted: Fitted, candidate: Candidate, sensed: Sensed, parameter: Parameter) -> Unseen:
+    """How much of a shape of a candidate the data may hide."""
     if math.isinf(parameter.absent):
-        low, high = 0.0, math.inf
+        low, high = 0.0, parameter.scale / parameter.low if parameter.low > 0.0 else math.inf
     else:
         low, high = sorted((bound - parameter.absent) / parameter.scale for bound in (parameter.low, parameter.high))
-    tails = (_SURE,) if low == 0.0 else (0.5 * (1.0 - _SURE), 0.5 * (1.0 + _SURE))
+    found = _limit(fitted, candidate, sensed, low, high)
+    if found is None:
+        return Unseen(candidate.name, candidate.alike, parameter, None, {})
+    limit, S = found
+    moved = limit * _absorbs(fitted, S)
+    if fitted.cradle.bobs < SEVERAL and _is_bent(fitted, candidate, sensed, limit, S):
+        followed = _follow(fitted, candidate, sensed, S, low, high)
+        if followed is None:
+            return Unseen(candidate.name, candidate.alike, parameter, None, {})
+        limit, moved = followed
+    deviations = np.sqrt(np.diag(fitted.covariance))
+    moves = {
+        name: float(moved[i] / deviations[i])
+        for i, name in enumerate(fitted.likelihood.names) if name in ("k_f", "kappa", "b")
+    }  # fmt: skip
+    return Unseen(candidate.name, candidate.alike, parameter, strength(parameter, limit), moves)
+
+
+def _limit(
+    fitted: Fitted, candidate: Candidate, sensed: Sensed, low: float, high: float
+) -> tuple[float, np.ndarray] | None:
+    """The strength [scales] between its bounds that is as far from none as the data allow, and the change of the
+    residuals there by each scale, (R + P,), to first order; None where the data do not see the effect, or not within
+    its bounds."""
     S, limit, inflation = sensed.S[:, 0], math.nan, fitted.coloured[0]
     for _ in range(_ROUNDS):  # what grows as a square, such as a blur, is followed by secants to where it ends
         left = fitted.project(S)
@@ -94,10 +109,71 @@ def _limit(
         if size <= LEAST_SEEN**2 * float(S @ S) or inflation > size * max(abs(low), high) ** 2:
             return None
         best, sd = min(max(-float(left @ fitted.residuals) / size, low), high), math.sqrt(inflation / size)
-        found = float(max(truncnorm.ppf(tails, (low - best) / sd, (high - best) / sd, best, sd), key=abs))
+        found = float(max(truncnorm.ppf(_tails(low), (low - best) / sd, (high - best) / sd, best, sd), key=abs))
         limit = found if math.isnan(limit) or found * limit <= 0.0 else math.copysign(math.sqrt(found * limit), found)
         try:
             S = change(fitted, candidate, sensed.values(np.array([limit]))) / limit
         except (SimulationError, ValueError):  # too strong for this cradle to swing
             break
-    return limit, S * limit
+    return limit, S
+
+
+def _absorbs(fitted: Fitted, S: np.ndarray) -> np.ndarray:
+    """−J⁺ S, (D,)."""
+    lengths = np.linalg.norm(fitted.jacobian, axis=0)
+    lengths[lengths == 0.0] = 1.0
+    return -np.linalg.lstsq(fitted.jacobian / lengths, S)[0] / lengths
+
+
+def _held(fitted: Fitted, candidate: Candidate, sensed: Sensed, s: float) -> Likelihood:
+    """The likelihood of the model with a candidate of strength s [scales]."""
+    model = with_effects(fitted.experiment, {candidate.name: sensed.values(np.array([s]))}, ())
+    return Likelihood(model, fitted.likelihood.rows, fitted.likelihood.workers)
+
+
+def _is_bent(fitted: Fitted, candidate: Candidate, sensed: Sensed, s: float, S: np.ndarray) -> bool:
+    """Whether the readings at a strength, the unknowns moved to where they make up for it to first order, are others
+    than they are to first order."""
+    point = np.clip(fitted.point + s * _absorbs(fitted, S), *bounds(fitted.likelihood))
+    try:
+        off = _held(fitted, candidate, sensed, s).residuals(point) - fitted.residuals - s * fitted.project(S)
+    except (SimulationError, ValueError):  # the cradle cannot swing where first order leads
+        return True
+    return float(off @ off) > _BENT * fitted.coloured[0]
+
+
+def _follow(
+    fitted: Fitted, candidate: Candidate, sensed: Sensed, S: np.ndarray, low: float, high: float
+) -> tuple[float, np.ndarray] | None:  # fmt: skip
+    """The strength [scales] between its bounds that is as far from none as the data allow, by the profile of χ², and
+    how far the point moves there, (D,); None where the data hardly exclude what is beyond its bounds."""
+    inflation = fitted.coloured[0]
+    sd = math.sqrt(inflation) / float(np.linalg.norm(fitted.project(S)))
+    visited = {0.0: (fitted.chi2, fitted.point)}
+
+    def refit(s: float, start: np.ndarray) -> tuple[np.ndarray, float]:
+        point, chi2 = refine(_held(fitted, candidate, sensed, s), start, _EVALUATIONS)
+        if math.isfinite(chi2):
+            visited[s] = chi2, point
+        return point, math.sqrt((chi2 - min(chi2 for chi2, _ in visited.values())) / inflation)
+
+    for bound in (bound for bound in (low, high) if bound != 0.0):
+        step = math.copysign(sd, bound)
+        u, point = profile_end(
+            lambda u, start, step=step: refit(u * step, start),
+            fitted.point, step * _absorbs(fitted, S), abs(bound) / sd, _END,
+        )  # fmt: skip
+        if u >= abs(bound) / sd and refit(bound, point)[1] < 1.0:
+            return None
+    several = sorted(visited)
+    chi2 = PchipInterpolator(several, [visited[s][0] for s in several])
+    grid = np.linspace(several[0], several[-1], _GRID)
+    density = np.exp(-0.5 * (chi2(grid) - chi2(grid).min()) / inflation)
+    limit = float(max(np.interp(_tails(low), np.cumsum(density) / density.sum(), grid), key=abs))
+    points = np.array([visited[s][1] for s in several])
+    return limit, np.array([np.interp(limit, several, column) for column in points.T]) - fitted.point
+
+
+def _tails(low: float) -> tuple[float, ...]:
+    """The probabilities between which the true strength is, or below which; low: its lower bound."""
+    return (_SURE,) if low == 0.0 else (0.5 * (1.0 - _SURE), 0.5 * (1.0 + _SURE))

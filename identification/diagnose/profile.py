@@ -1,0 +1,44 @@
+"""How far one quantity may be from its most probable value, all others refitted on the way."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+#: How near to it, relatively, a profile must come for its end to be read off; how much shorter a stride that went too
+#: far becomes; refits at most on the way to an end.
+_NEAR, _SHORTER, _MARCH = 0.15, (0.1, 0.7), 24
+
+
+def profile_end(
+    refit: Callable[[float, np.ndarray], tuple[np.ndarray, float]],
+    point: np.ndarray,
+    ahead: np.ndarray,
+    furthest: float,
+    end: float,
+) -> tuple[float, np.ndarray]:
+    """How far a quantity can go, in units in which the misfit, were all normal, would rise to u² at u, until it has
+    risen to end², at most `furthest`; and the refitted point there, (D,).
+
+    refit: of u and of where to start, (the point, the root of the rise of the misfit). point, ahead (D,): at u = 0, and
+    its slope. Refits march along the ridge on which the point follows, in longer and longer strides, each from where
+    the last two point to.
+    """
+    at, risen, stride, growth = 0.0, 0.0, end, 2.0
+    for _ in range(_MARCH):
+        there = min(at + stride, furthest)
+        found, reached = refit(there, point + (there - at) * ahead)
+        if abs(reached - end) < _NEAR * end and reached > risen:
+            share = (end - risen) / (reached - risen)
+            last = min(at + share * (there - at), furthest)
+            return last, point + (last - at) / (there - at) * (found - point)
+        if reached > end:  # too far
+            stride *= float(np.clip((end - risen) / (reached - risen), *_SHORTER))
+            growth = 1.0
+        elif there == furthest:
+            return furthest, found
+        else:
+            ahead = (found - point) / (there - at)
+            at, point, risen, stride = there, found, reached, growth * stride
+    return at, point
