@@ -237,9 +237,9 @@ def far_off(rows: list[Row]) -> list[str]:
         for key, error in row["errors"].items():
             if abs(error) > 3.0:
                 case, _, *what = _what(row)
-                apparatus = "differs from the formula" if row["variant"] else ""
-                lines.append((case, *what, key, f"{error:+.1f}", apparatus))
-    return table(("case", "N", "noise", "Δχ²", "unknown", "error over its sd", "apparatus"), lines)
+                apparatus = "the apparatus differs from the formula" if row["variant"] else ""
+                lines.append((case, *what, key, f"{error:+.1f}", apparatus or row.get("reason", "")))
+    return table(("case", "N", "noise", "Δχ²", "unknown", "error over its sd", "reason"), lines)
 
 
 def loaded(path: Path) -> Row:
