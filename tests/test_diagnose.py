@@ -438,8 +438,26 @@ def test_what_another_effect_requires_is_tried_for_removal_after_that(monkeypatc
         examined=[SimpleNamespace(fitted=fit(names))], steps=[SimpleNamespace(effect=name) for name in names],
         searcher=searcher, examine=lambda fitted: SimpleNamespace(fitted=fitted),
     )  # fmt: skip
-    last, kept, removed = repair._without_the_needless(going)  # type: ignore[arg-type]
+    last, kept, removed = repair._without_the_needless(going, going.examined[-1], going.steps)  # type: ignore[arg-type]
     assert last.fitted.names == () and kept == [] and removed == [*reversed(names)]
+
+
+def test_the_model_without_is_looked_for_from_where_rivals_lead(monkeypatch):
+    """Of three bobs of unequal length, creep or drag did as well as a second effect: none was needed, for all that
+    they did was to lead to a better mode of the lengths alone."""
+    base = SimpleNamespace(chi2=1500.0, point=[0.0], values={}, cradle=SimpleNamespace(has=lambda _: False))
+    of_two = SimpleNamespace(chi2=1000.0, point=[0.0] * 2, values={}, coloured=(1.0, 1000.0), experiment=None)
+    last, rival, looked = SimpleNamespace(fitted=of_two, scored=SimpleNamespace(replicas=None)), SimpleNamespace(), []
+    searcher = SimpleNamespace(
+        nearby=lambda *_: base, adding=lambda *_: None, adding_beside=lambda *_: rival,
+        beside=lambda *fits: looked.append(fits),
+    )  # fmt: skip
+    monkeypatch.setattr(repair, "without_effect", lambda *_: None)
+    monkeypatch.setattr(repair, "_rivals", lambda _: [SimpleNamespace(name="string_creep")])
+    monkeypatch.setattr(repair, "judged", lambda *_: SimpleNamespace(log_evidence=1e9))
+    steps = [SimpleNamespace(effect="quadratic_drag")]
+    sets = repair._exchanges(last, steps, searcher, lambda *_: None)  # type: ignore[arg-type]
+    assert sets == (("quadratic_drag",), ("string_creep",)) and looked == [(base, rival)]
 
 
 def test_correlated_residuals_count_for_less(plain):

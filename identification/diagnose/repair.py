@@ -60,8 +60,12 @@ def repair(
     law = _outdoing(course)
     if law is not None:
         withdrawn += course.back_to(law.before)
-    last, kept, removed = _without_the_needless(course)
+    last, kept, removed = _without_the_needless(course, course.examined[-1], course.steps)
     alternatives = _exchanges(last, kept, searcher, tell)
+    if alternatives:  # what several could do may be done by none
+        last, kept, more = _without_the_needless(course, last, kept)
+        if more:
+            removed, alternatives = [*removed, *more], _exchanges(last, kept, searcher, tell)
     if last.significant and (law is None or law.before is not last.fitted):
         law = learn(last.fitted, searcher, tell)
     names = {step.effect for step in kept}
@@ -115,12 +119,13 @@ def _outdoing(course: Course) -> Law | None:
     return next(law for law, own in zip(laws, over, strict=True) if own > max(over) - CLOSE)
 
 
-def _without_the_needless(course: Course) -> tuple[Examined, list[Step], list[str]]:
+def _without_the_needless(
+    course: Course, last: Examined, steps: Sequence[Step]
+) -> tuple[Examined, list[Step], list[str]]:  # fmt: skip
     """The last model without what it no longer needs, the steps that remain, and names of what went. Where modes are
     many, an effect may only have led to a better one of the model without it."""
-    last, searcher = course.examined[-1], course.searcher
-    kept, removed = list(course.steps), []
-    for step in reversed(course.steps):  # what another requires, after that
+    searcher, kept, removed = course.searcher, list(steps), []
+    for step in reversed(steps):  # what another requires, after that
         required = any(step.effect in _required(other.effect) for other in kept)
         if required:
             continue
@@ -145,7 +150,8 @@ def _required(name: str) -> tuple[str, ...]:
 def _exchanges(
     last: Examined, steps: Sequence[Step], searcher: Searcher, tell: Progress
 ) -> tuple[tuple[str, ...], ...]:
-    """Sets of effects that complete the other steps as well as those chosen, the chosen ones first."""
+    """Sets of effects that complete the other steps as well as those chosen, the chosen ones first. What is in the
+    place of another may lead to a better mode of the model without either, which is looked for from there."""
     inflation, effective = last.fitted.coloured
     rivals: list[tuple[str, str]] = []
     for step in steps:
@@ -168,6 +174,7 @@ def _exchanges(
                 continue
             if own - refit.log_evidence < CLOSE:
                 rivals.append((step.effect, candidate.name))
+                searcher.beside(base, fit)
     doubtful = tuple(dict.fromkeys(own for own, _ in rivals))
     exchanged = (tuple(rival if name == own else name for name in doubtful) for own, rival in rivals)
     return tuple(dict.fromkeys((doubtful, *exchanged))) if rivals else ()
