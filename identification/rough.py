@@ -179,7 +179,7 @@ def _scattered(
 
 def descents(J: np.ndarray, residuals: np.ndarray) -> list[np.ndarray]:
     """Damped steps of Gauss and Newton, (D,) each."""
-    lengths = _lengths(J)
+    lengths = lengths_of(J)
     H, slope = (J / lengths).T @ (J / lengths), (J / lengths).T @ residuals
     moves = []
     for damping, length in itertools.product(_DAMPINGS, _LENGTHS):
@@ -190,13 +190,13 @@ def descents(J: np.ndarray, residuals: np.ndarray) -> list[np.ndarray]:
 def _deviations(J: np.ndarray, sigma: float) -> np.ndarray:
     """Standard deviations along the principal directions that the readings see, (≤ D, D), one row each: along a ridge
     the next mode may lie some of them further, with worse between."""
-    lengths = _lengths(J)
+    lengths = lengths_of(J)
     squares, directions = np.linalg.eigh((J / lengths).T @ (J / lengths))
     seen = squares > _SEEN
     return (directions[:, seen] / np.sqrt(squares[seen]) / lengths[:, None] * sigma).T
 
 
-def _lengths(J: np.ndarray) -> np.ndarray:
+def lengths_of(J: np.ndarray) -> np.ndarray:
     """Of the columns, (D,); 1 where nothing is seen of an unknown."""
     lengths = np.linalg.norm(J, axis=0)
     return np.where(lengths > 0.0, lengths, 1.0)

@@ -25,6 +25,7 @@ from identification.diagnose.profile import profile_end
 from identification.diagnose.score import LEAST_SEEN, Score, Sensed, change
 from identification.fit import SEVERAL, bounds, refine
 from identification.likelihood import Likelihood
+from identification.rough import lengths_of
 
 #: Probability that the true strength is below its limit; rounds in which that is found.
 _SURE, _ROUNDS = 0.95, 4
@@ -82,9 +83,10 @@ def _hidden(fitted: Fitted, candidate: Candidate, sensed: Sensed, parameter: Par
     if found is None:
         return Unseen(candidate.name, candidate.alike, parameter, None, {})
     limit, S = found
-    moved = limit * _absorbs(fitted, S)
-    if fitted.cradle.bobs < SEVERAL and _is_bent(fitted, candidate, sensed, limit, S):
-        followed = _follow(fitted, candidate, sensed, S, low, high)
+    slope = _absorbs(fitted, S)
+    moved = limit * slope
+    if fitted.cradle.bobs < SEVERAL and _is_bent(fitted, candidate, sensed, limit, S, slope):
+        followed = _follow(fitted, candidate, sensed, S, slope, low, high)
         if followed is None:
             return Unseen(candidate.name, candidate.alike, parameter, None, {})
         limit, moved = followed
@@ -120,8 +122,7 @@ def _limit(
 
 def _absorbs(fitted: Fitted, S: np.ndarray) -> np.ndarray:
     """−J⁺ S, (D,)."""
-    lengths = np.linalg.norm(fitted.jacobian, axis=0)
-    lengths[lengths == 0.0] = 1.0
+    lengths = lengths_of(fitted.jacobian)
     return -np.linalg.lstsq(fitted.jacobian / lengths, S)[0] / lengths
 
 
@@ -131,10 +132,12 @@ def _held(fitted: Fitted, candidate: Candidate, sensed: Sensed, s: float) -> Lik
     return Likelihood(model, fitted.likelihood.rows, fitted.likelihood.workers)
 
 
-def _is_bent(fitted: Fitted, candidate: Candidate, sensed: Sensed, s: float, S: np.ndarray) -> bool:
-    """Whether the readings at a strength, the unknowns moved to where they make up for it to first order, are others
-    than they are to first order."""
-    point = np.clip(fitted.point + s * _absorbs(fitted, S), *bounds(fitted.likelihood))
+def _is_bent(
+    fitted: Fitted, candidate: Candidate, sensed: Sensed, s: float, S: np.ndarray, slope: np.ndarray
+) -> bool:  # fmt: skip
+    """Whether the readings at a strength, the unknowns moved by `slope` (D,) to where they make up for it to first
+    order, are others than they are to first order."""
+    point = np.clip(fitted.point + s * slope, *bounds(fitted.likelihood))
     try:
         off = _held(fitted, candidate, sensed, s).residuals(point) - fitted.residuals - s * fitted.project(S)
     except (SimulationError, ValueError):  # the cradle cannot swing where first order leads
@@ -143,10 +146,11 @@ def _is_bent(fitted: Fitted, candidate: Candidate, sensed: Sensed, s: float, S: 
 
 
 def _follow(
-    fitted: Fitted, candidate: Candidate, sensed: Sensed, S: np.ndarray, low: float, high: float
+    fitted: Fitted, candidate: Candidate, sensed: Sensed, S: np.ndarray, slope: np.ndarray, low: float, high: float
 ) -> tuple[float, np.ndarray] | None:  # fmt: skip
     """The strength [scales] between its bounds that is as far from none as the data allow, by the profile of χ², and
-    how far the point moves there, (D,); None where the data hardly exclude what is beyond its bounds."""
+    how far the point moves there, (D,), by `slope` (D,) to first order; None where the data hardly exclude what is
+    beyond its bounds."""
     inflation = fitted.coloured[0]
     sd = math.sqrt(inflation) / float(np.linalg.norm(fitted.project(S)))
     visited = {0.0: (fitted.chi2, fitted.point)}
@@ -161,7 +165,7 @@ def _follow(
         step = math.copysign(sd, bound)
         u, point = profile_end(
             lambda u, start, step=step: refit(u * step, start),
-            fitted.point, step * _absorbs(fitted, S), abs(bound) / sd, _END,
+            fitted.point, step * slope, abs(bound) / sd, _END,
         )  # fmt: skip
         if u >= abs(bound) / sd and refit(bound, point)[1] < 1.0:
             return None
