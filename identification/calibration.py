@@ -18,6 +18,7 @@ from identification.likelihood import Likelihood, rms
 from identification.posterior import Gap, Posterior
 from identification.rough import broad_jacobian
 from identification.sample import Chains, Checkpoint, sample
+from identification.units import check_unit
 
 
 def calibrate(
@@ -42,6 +43,8 @@ def calibrate(
     max_steps = _checked_steps("max_steps", max_steps)
     steps = None if steps is None else _checked_steps("steps", steps)
     likelihood = Likelihood(experiment, workers=workers, parameters=parameters)
+    for run in experiment.runs:
+        check_unit(run, experiment.cradle_of(run))
     with TemporaryDirectory() as scratch:
         folder = Path(scratch if out is None else out)
         folder.mkdir(parents=True, exist_ok=True)

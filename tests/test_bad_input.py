@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from cradle_env import effects
-from identification import Experiment, terminal
+from identification import Experiment, calibrate, terminal
 from identification.cli import main
 from identification.diagnose import workflow
 from identification.diagnose.agreement import check_agreement
@@ -83,9 +83,13 @@ def relabelled(path: Path, old: str, new: str) -> Experiment:
 def test_angles_in_another_unit_than_declared(tmp_path, truth, written):
     """5.7 deg are no impossible number of radians, and 0.1 rad none of degrees: the release tells."""
     small = filmed(angle=0.1, duration=6.0)
-    unit = {"unit": truth, "run": {"noise": None}}
-    with pytest.raises(ValueError, match=rf"run1.csv, (line \d+, )?bob [12].*looks like {truth}: write \[{truth}\]"):
-        check_readings(relabelled(write_experiment(tmp_path, [small], **unit), truth, written))
+    path = write_experiment(tmp_path, [small], unit=truth, run={"noise": None})
+    wrong = relabelled(path, truth, written)
+    for refused in (check_readings, calibrate):
+        with pytest.raises(
+            ValueError, match=rf"run1.csv, (line \d+, )?bob [12].*looks like {truth}: write \[{truth}\]"
+        ):
+            refused(wrong)
 
 
 def test_displacements_in_another_unit_than_declared(tmp_path):

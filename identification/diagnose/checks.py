@@ -6,7 +6,6 @@ Told: a bob, or all of them, unseen for a while; angles so small that their unit
 
 from __future__ import annotations
 
-import dataclasses
 import math
 
 import numpy as np
@@ -15,16 +14,13 @@ from cradle_env.cradle import Cradle
 from identification.experiment import Experiment
 from identification.fit import training_rows
 from identification.likelihood import Likelihood
-from identification.recording import UNITS
 from identification.runs import Run
+from identification.units import angles_read, check_unit
 
 #: Readings per unknown below which nothing can be said, and the unknowns that are counted at least.
 _FEWEST, _UNKNOWNS = 5, 10
 #: Small-angle periods that a training part must span, and readings that one must hold.
 _SHORTEST, _DENSEST = 2.0, 6.0
-#: Factors from the stated release beyond which readings must be in another unit: where the first period was seen, and
-#: where the swing may have decayed before anything was.
-_SEEN, _DECAYED = 2.0, 20.0
 #: Degrees that no experiment stays below [rad].
 _TINY = 0.01
 
@@ -34,9 +30,9 @@ def check_readings(experiment: Experiment) -> tuple[str, ...]:
     told: list[str] = []
     for run in experiment.runs:
         cradle = experiment.cradle_of(run)
-        _check_unit(run, cradle)
+        check_unit(run, cradle)
         told += _unseen(run, cradle)
-        largest = float(np.nanmax(np.abs(_angles(run, cradle))))
+        largest = float(np.nanmax(np.abs(angles_read(run, cradle))))
         if run.unit == "deg" and run.release is None and largest < _TINY:
             told.append(
                 f"{run.file}: the largest angle is {math.degrees(largest):.2g} deg; if the file is in radians,"
@@ -44,59 +40,6 @@ def check_readings(experiment: Experiment) -> tuple[str, ...]:
             )
     _check_amount(experiment)
     return tuple(told)
-
-
-def _angles(run: Run, cradle: Cradle) -> np.ndarray:
-    """Angles (T, N) [rad] from where each bob rests, as far as the readings tell; nan where they are not used."""
-    seen = np.where((run.fitted | run.held_out)[:, None], run.readings, np.nan)
-    if run.rest == "free":
-        known = np.flatnonzero(~np.isnan(seen).all(axis=0))
-        seen[:, known] -= np.nanmedian(seen[:, known], axis=0)
-    return dataclasses.replace(run, readings=seen).angles(cradle)
-
-
-def _check_unit(run: Run, cradle: Cradle) -> None:
-    """Refuses angles that no bob reaches, or that are far from the stated release."""
-    angles = np.abs(_angles(run, cradle))
-    row, bob = map(int, np.unravel_index(np.nanargmax(angles), angles.shape))
-    largest = float(angles[row, bob])
-    limit, bobs = (0.5 * math.pi, "a bob on strings") if cradle.has("radial_elasticity") else (math.pi, "a pendulum")
-    if run.quantity == "theta" and largest > limit:
-        raise ValueError(
-            f"{run.file}, {run.place(row, bob)}, bob {bob + 1}: {_shown(largest, run)} is more than {bobs} swings"
-            f" to, {_shown(limit, run)}; {_remedy(run, largest, 0.0, limit)}"
-        )
-    if run.release is None:
-        return
-    released = run.release.release.angles_of(cradle)
-    lifted = np.flatnonzero(np.isfinite(released) & (released != 0.0))
-    first = (run.times >= 0.0) & (run.times <= cradle.period)
-    for bob in lifted:
-        stated = abs(float(released[bob]))
-        seen = ~np.isnan(angles[:, bob])
-        if not seen.any():
-            continue
-        early = bool((seen & first).any() and seen[first].mean() > 0.5)
-        factor = _SEEN if early else _DECAYED
-        found = float(angles[seen & first if early else seen, bob].max())
-        if not stated / factor <= found <= stated * factor:
-            raise ValueError(
-                f"{run.file}, bob {bob + 1}: it swings to {_shown(found, run)}, and its release is stated as"
-                f" {stated:.4g} rad; {_remedy(run, found, 0.5 * stated, 2.0 * stated)}"
-            )
-
-
-def _shown(angle: float, run: Run) -> str:
-    """An angle as it stands in the file, or, of displacements, as it is."""
-    return f"{angle / run.scale:.4g} {run.unit}" if run.quantity == "theta" else f"{angle:.4g} rad"
-
-
-def _remedy(run: Run, found: float, low: float, high: float) -> str:
-    """What to do about angles of this size: a unit that would bring them between low and high [rad] is named."""
-    for unit, scale in UNITS[run.quantity].items():
-        if unit != run.unit and low < found * scale / run.scale < high:
-            return f"it looks like {unit}: write [{unit}] in the header of {run.file}"
-    return f"check the unit in the header of {run.file}, and the release, whose angles are in rad"
 
 
 def _unseen(run: Run, cradle: Cradle) -> list[str]:
