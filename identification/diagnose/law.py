@@ -30,9 +30,9 @@ from identification.rough import ROUNDS, polish
 
 #: Terms at most; shares of their coefficients at which refits may start, and evaluations of these.
 _MOST, _PARTS, _EVALUATIONS = 10, (1.0, 0.5, 0.2, 0.05), 20
-#: How often more terms are sought in what a law leaves of the free run; the gap up to which a free run is in step with
-#: the data, so that terms may be chosen there at once.
-_ROUNDS, _SMALL = 3, 3.0
+#: How often more terms are sought in what a law leaves of the free run; the gap, and the share of the motion missed, up
+#: to which a free run is in step with the data, so that terms may be chosen there at once.
+_ROUNDS, _SMALL, _MISSED = 3, 3.0, 0.1
 #: How many times the gap of effects named instead the gap of a law may at first be.
 _FAR_WORSE = 1.15
 #: Rounds over a rough misfit for an inner prediction: a law is fitted to its end only where it predicts.
@@ -70,7 +70,7 @@ def learn(fitted: Fitted, searcher: Searcher, tell: Progress, rival: Fitted | No
     part = inner(fitted.experiment)
     none = Law(fitted, fitted, (), *[_free(fitted, searcher, part, scales, (), {}).held_out_gap()] * 2)
     most = math.inf if rival is None else _FAR_WORSE * fitted_within(rival, searcher).held_out_gap()
-    free = _free_views(none, scales) if cut is None or fitted.training_gap() <= _SMALL else []
+    free = _free_views(none, scales) if cut is None or _in_step(fitted) else []
     views = free if cut is None else [cut, *free]
     laws = [(_first(none, searcher, part, scales, view, choices(view), most), scales) for view in views]
     tell("law", 0.6, "forces in time")
@@ -97,6 +97,14 @@ def learn(fitted: Fitted, searcher: Searcher, tell: Progress, rival: Fitted | No
             break
         law = further[0]
     return law
+
+
+def _in_step(fitted: Fitted) -> bool:
+    """Whether a free run stays near enough to the data for what a term does to it to add up to what it misses."""
+    likelihood, motion = fitted.likelihood, 0.0
+    for run, rows, noise in zip(fitted.experiment.runs, likelihood.rows, likelihood.weighing, strict=True):
+        motion += float(np.nansum((run.readings[rows] / noise) ** 2))
+    return fitted.training_gap() <= _SMALL or fitted.chi2 <= _MISSED**2 * motion
 
 
 def _free_views(law: Law, scales: Scales) -> list[Linear]:
