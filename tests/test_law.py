@@ -306,6 +306,18 @@ def test_linear_models_save_what_refits_save(rubbed):
     assert {term.effect for term in library(rubbed[0].cradle)} == {"learned_force"}
 
 
+def test_whether_a_free_run_is_in_step_hangs_on_the_motion_it_misses(rubbed):
+    """However small the noise that is stated: the friction leaves 15 of these noises and is in step;
+    with ten times the drag the bob has all but stopped."""
+    base, searcher = rubbed
+    runs = tuple(dataclasses.replace(run, noise=0.1 * run.noise) for run in base.experiment.runs)
+    likelihood = searcher.likelihood(dataclasses.replace(base.experiment, runs=runs))
+    assert Fitted(likelihood, base.point).training_gap() > 10.0
+    assert law_module._in_step(Fitted(likelihood, base.point))
+    stopped = placed(likelihood, base.values | {"b": 10.0 * base.values["b"]})
+    assert not law_module._in_step(Fitted(likelihood, stopped))
+
+
 def test_further_terms_set_nothing_that_a_law_has(tmp_path):
     """Two bobs: what is common to both leaves no room for either, nor either for what is common."""
     base, _ = fitted(tmp_path, {}, bobs=2, duration=4.0)
