@@ -47,13 +47,18 @@ def check_unit(run: Run, cradle: Cradle) -> None:
             )
 
 
-def angles_read(run: Run, cradle: Cradle) -> np.ndarray:
-    """Angles (T, N) [rad] from where each bob rests, as far as the readings tell; nan where they are not used."""
+def swings_read(run: Run) -> np.ndarray:
+    """Readings (T, N) from where each bob rests, as far as they tell; nan where they are not used."""
     seen = np.where((run.fitted | run.held_out)[:, None], run.readings, np.nan)
     if run.rest == "free":
         known = np.flatnonzero(~np.isnan(seen).all(axis=0))
         seen[:, known] -= np.nanmedian(seen[:, known], axis=0)
-    return dataclasses.replace(run, readings=seen).angles(cradle)
+    return seen
+
+
+def angles_read(run: Run, cradle: Cradle) -> np.ndarray:
+    """`swings_read` as angles (T, N) [rad]."""
+    return dataclasses.replace(run, readings=swings_read(run)).angles(cradle)
 
 
 def _shown(angle: float, run: Run) -> str:

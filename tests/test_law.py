@@ -316,6 +316,11 @@ def test_whether_a_free_run_is_in_step_hangs_on_the_motion_it_misses(rubbed):
     assert law_module._in_step(Fitted(likelihood, base.point))
     stopped = placed(likelihood, base.values | {"b": 10.0 * base.values["b"]})
     assert not law_module._in_step(Fitted(likelihood, stopped))
+    # Nor does where x is counted from add to the motion: here a hundred times as far away as the bob swings.
+    away = tuple(dataclasses.replace(run, readings=run.readings + 30.0, rest="free") for run in runs)
+    shifted = SimpleNamespace(experiment=SimpleNamespace(runs=away), likelihood=likelihood,
+                              chi2=Fitted(likelihood, stopped).chi2, training_gap=lambda: 100.0)  # fmt: skip
+    assert not law_module._in_step(shifted)  # type: ignore[arg-type]
 
 
 def test_further_terms_set_nothing_that_a_law_has(tmp_path):

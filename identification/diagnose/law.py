@@ -27,6 +27,7 @@ from identification.experiment import Experiment
 from identification.fit import Progress, cost, refine, training_rows
 from identification.noise import gap_of_noise
 from identification.rough import ROUNDS, polish
+from identification.units import swings_read
 
 #: Terms at most; shares of their coefficients at which refits may start, and evaluations of these.
 _MOST, _PARTS, _EVALUATIONS = 10, (1.0, 0.5, 0.2, 0.05), 20
@@ -103,7 +104,7 @@ def _in_step(fitted: Fitted) -> bool:
     """Whether a free run stays near enough to the data for what a term does to it to add up to what it misses."""
     likelihood, motion = fitted.likelihood, 0.0
     for run, rows, noise in zip(fitted.experiment.runs, likelihood.rows, likelihood.weighing, strict=True):
-        motion += float(np.nansum((run.readings[rows] / noise) ** 2))
+        motion += float(np.nansum((swings_read(run)[rows] / noise) ** 2))
     return fitted.training_gap() <= _SMALL or fitted.chi2 <= _MISSED**2 * motion
 
 
@@ -228,12 +229,12 @@ def _choice(fitted: Fitted, terms: int) -> float:
 
 
 def scales_of(fitted: Fitted) -> Scales:
-    """angle [rad] and speed [m/s]: the largest of the readings fitted, and that of a swing of this size; frequency
+    """angle [rad] and speed [m/s]: the largest swing fitted, and that of a swing of this size; frequency
     [Hz]: that of a swing, until a force in time has another."""
     largest = 0.0
     for run, rows in zip(fitted.experiment.runs, fitted.likelihood.rows, strict=True):
         if rows.any():
             unit = 1.0 if run.quantity == "theta" else fitted.cradle.length
-            largest = max(largest, float(np.nanmax(np.abs(run.readings[rows]))) / unit)
+            largest = max(largest, float(np.nanmax(np.abs(swings_read(run)[rows]))) / unit)
     return {"angle": largest, "speed": largest * math.sqrt(fitted.cradle.gravity * fitted.cradle.length),
             "frequency": 1.0 / fitted.cradle.period}  # fmt: skip

@@ -23,6 +23,7 @@ from identification.diagnose.fitted import Fitted, span
 from identification.diagnose.search import placed
 from identification.experiment import Experiment
 from identification.likelihood import Likelihood
+from identification.rough import lengths_of
 
 #: Least share of a term that must be left beside all that the unknowns absorb, and the least that may remain of b.
 _SEEN, _LEAST_B = 1e-3, -0.9
@@ -188,8 +189,7 @@ class Linear:
         b = self.fitted.likelihood.names.index("b")
         others = np.delete(J, b, axis=1)
         left = self.fitted.residuals + c[0] * J[:, b] + self.columns[:, [self.seen[j - 1] for j in subset]] @ c[1:]
-        size = np.linalg.norm(others, axis=0)
-        size[size == 0.0] = 1.0
+        size = lengths_of(others)
         rest = -np.linalg.lstsq(others / size, left, rcond=1e-10)[0] / size
         return left + others @ rest, np.concatenate([np.insert(rest, b, c[0]), c[1:]])
 
