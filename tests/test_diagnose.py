@@ -455,6 +455,7 @@ def test_the_model_without_is_looked_for_from_where_rivals_lead(monkeypatch):
     monkeypatch.setattr(repair, "without_effect", lambda *_: None)
     monkeypatch.setattr(repair, "_rivals", lambda _: [SimpleNamespace(name="string_creep")])
     monkeypatch.setattr(repair, "judged", lambda *_: SimpleNamespace(log_evidence=1e9))
+    monkeypatch.setattr(repair, "standing_in", lambda *_: [])
     steps = [SimpleNamespace(effect="quadratic_drag")]
     sets = repair._exchanges(last, steps, searcher, lambda *_: None)  # type: ignore[arg-type]
     assert sets == (("quadratic_drag",), ("string_creep",)) and looked == [(base, rival)]

@@ -20,6 +20,7 @@ from identification.diagnose.fitted import Fitted
 from identification.diagnose.inner import EQUAL, FAR, predictions
 from identification.diagnose.score import Scored, family_p, surprise_of
 from identification.diagnose.search import Searcher, only_noise
+from identification.diagnose.stand_in import standing_in
 from identification.fit import Progress
 
 #: Chance, over all candidates, at which one is accepted.
@@ -78,7 +79,8 @@ def beside(fitted: Fitted, scored: Scored, other: Fitted, searcher: Searcher, te
         if len(s.candidate.effects) == 1:
             tell("exchange", i / len(scored.scores), f"{s.candidate.label} alone")
             try:
-                fits[s.candidate] = searcher.adding_beside(fitted, s.candidate, other, s.likely, enough)
+                likely = [*s.likely, *standing_in(fitted, other, s.candidate)]
+                fits[s.candidate] = searcher.adding_beside(fitted, s.candidate, other, likely, enough)
             except (SimulationError, ValueError):
                 continue
     return _decision(fitted, fits, scored, searcher, other)
@@ -155,13 +157,16 @@ def _alike(
         return fits
     likely = {s.candidate: s.likely for s in scored.scores}
     enough = _enough(fitted, fits[best].chi2)
+    looks_the_same = next(s.parallel for s in scored.scores if s.candidate == best)
     near = (s for s in scored.scores if s.candidate in fits and fits[s.candidate].chi2 <= enough)
     others = list(dict.fromkeys([*fits, *(candidate for s in near for candidate in s.parallel)]))
     for i, candidate in enumerate(others):
         if candidate != best:
             tell("refit", 0.5 + 0.5 * i / len(others), candidate.label)
             try:
-                fits[candidate] = searcher.adding_beside(fitted, candidate, fits[best], likely[candidate], enough)
+                several = standing_in(fitted, fits[best], candidate) if candidate in looks_the_same else []
+                several += likely[candidate]
+                fits[candidate] = searcher.adding_beside(fitted, candidate, fits[best], several, enough)
             except (SimulationError, ValueError):
                 continue
     return fits

@@ -8,15 +8,14 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import norm, truncnorm
 
+from cradle_env.simulation import in_threads
 from identification.diagnose.fitted import Fitted
-from identification.diagnose.profile import profile_end
+from identification.diagnose.profile import EVALUATIONS, profile_end
 from identification.fit import SEVERAL, bounds, refine
 from identification.likelihood import Likelihood
 
 #: Normal quantile of the ends of an interval.
 _END = float(norm.ppf(0.975))
-#: Evaluations of a refit on the way to an end.
-_EVALUATIONS = 40
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,6 +33,10 @@ def intervals(fitted: Fitted) -> dict[str, Interval]:
     unknowns that make up for each other the most probable values may lie on a bent ridge."""
     deviations = np.sqrt(np.maximum(np.diag(fitted.covariance), 1e-300))
     smooth = fitted.cradle.bobs < SEVERAL and not fitted.learned
+    followed = [i for i, u in enumerate(fitted.likelihood.unknowns) if smooth and not u.nuisance]
+    steps = [(i, sign * deviations[i]) for i in followed for sign in (-1.0, 1.0)]
+    reached = in_threads(lambda step: _profile_end(fitted, *step), steps, fitted.likelihood.workers)
+    by_profile = dict(zip(followed, zip(reached[::2], reached[1::2], strict=True), strict=True))
     found = {}
     for i, (u, z, sd) in enumerate(zip(fitted.likelihood.unknowns, fitted.point, deviations, strict=True)):
         low, high = (
@@ -41,8 +44,8 @@ def intervals(fitted: Fitted) -> dict[str, Interval]:
             for bound in ((math.log(u.low), math.log(u.high)) if u.log else (u.low, u.high))
         )
         median, *ends = truncnorm.ppf((0.5, 0.025, 0.975), min(low, -1e-12), max(high, 1e-12), z, sd)
-        if smooth and not u.nuisance:
-            ends = [_profile_end(fitted, i, sign * sd) for sign in (-1.0, 1.0)]
+        if i in by_profile:
+            ends = by_profile[i]
             median = min(max(median, ends[0]), ends[1])
         found[u.name] = Interval(u.unit, float(u.value(median)), (float(u.value(ends[0])), float(u.value(ends[1]))))
     return found
@@ -57,7 +60,7 @@ def _profile_end(fitted: Fitted, i: int, step: float) -> float:
 
     def refit(u: float, start: np.ndarray) -> tuple[np.ndarray, float]:
         held = float(np.clip(fitted.point[i] + u * step, within[0][i], within[1][i]))
-        others, chi2 = refine(_Held(likelihood, i, held), np.delete(np.clip(start, *within), i), _EVALUATIONS)
+        others, chi2 = refine(_Held(likelihood, i, held), np.delete(np.clip(start, *within), i), EVALUATIONS)
         return np.insert(others, i, held), math.sqrt(max(chi2 - least, 0.0) / inflation)
 
     ahead = fitted.covariance[i] / fitted.covariance[i, i] * step
@@ -70,6 +73,7 @@ class _Held(Likelihood):
 
     def __init__(self, of: Likelihood, i: int, coordinate: float):
         self.__dict__.update(of.__dict__)
+        self.workers = 1
         self.unknowns = (*of.unknowns[:i], *of.unknowns[i + 1 :])
         self._of, self._place, self._coordinate = of, i, coordinate
 

@@ -6,6 +6,8 @@ from collections.abc import Callable
 
 import numpy as np
 
+#: Evaluations of each refit: from where the last two point to, few are enough.
+EVALUATIONS = 20
 #: How near to it, relatively, a profile must come for its end to be read off; how much shorter a stride that went too
 #: far becomes; refits at most on the way to an end.
 _NEAR, _SHORTER, _MARCH = 0.15, (0.1, 0.7), 24
@@ -27,7 +29,8 @@ def profile_end(
     """
     at, risen, stride, growth = 0.0, 0.0, end, 2.0
     for _ in range(_MARCH):
-        there = min(at + stride, furthest)
+        stride = min(stride, furthest - at)
+        there = at + stride
         found, reached = refit(there, point + (there - at) * ahead)
         if abs(reached - end) < _NEAR * end and reached > risen:
             share = (end - risen) / (reached - risen)
@@ -36,7 +39,7 @@ def profile_end(
         if reached > end:  # too far
             stride *= float(np.clip((end - risen) / (reached - risen), *_SHORTER))
             growth = 1.0
-        elif there == furthest:
+        elif there >= furthest:
             return furthest, found
         else:
             ahead = (found - point) / (there - at)

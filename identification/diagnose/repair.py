@@ -16,6 +16,7 @@ from identification.diagnose.fitted import Fitted
 from identification.diagnose.inner import predictions
 from identification.diagnose.law import Law, advantage, can_outdo, learn
 from identification.diagnose.search import Searcher
+from identification.diagnose.stand_in import standing_in
 from identification.fit import Progress
 
 #: How many effects may be added.
@@ -168,7 +169,7 @@ def _exchanges(
                 continue
             try:
                 searcher.adding(base, candidate)
-                fit = searcher.adding_beside(base, candidate, last.fitted)
+                fit = searcher.adding_beside(base, candidate, last.fitted, standing_in(base, last.fitted, candidate))
                 refit = judged(base, candidate, fit, last.scored.replicas, inflation, effective)
             except (SimulationError, ValueError):
                 continue

@@ -18,10 +18,10 @@ from scipy.interpolate import PchipInterpolator
 from scipy.stats import truncnorm
 
 from cradle_env.effects import Parameter
-from cradle_env.simulation import SimulationError
+from cradle_env.simulation import SimulationError, in_threads
 from identification.diagnose.candidates import Candidate, is_strength, strength, with_effects
 from identification.diagnose.fitted import Fitted
-from identification.diagnose.profile import profile_end
+from identification.diagnose.profile import EVALUATIONS, profile_end
 from identification.diagnose.score import LEAST_SEEN, Score, Sensed, change
 from identification.fit import SEVERAL, bounds, refine
 from identification.likelihood import Likelihood
@@ -31,9 +31,8 @@ from identification.rough import lengths_of
 _SURE, _ROUNDS = 0.95, 4
 #: χ² over the inflation by which readings at a limit may differ from what they are to first order.
 _BENT = 0.5
-#: Profiles: standard deviations up to which they are followed, evaluations of each refit, strengths at which their
-#: probability is summed.
-_END, _EVALUATIONS, _GRID = 3.0, 40, 2001
+#: Profiles: standard deviations up to which they are followed, strengths at which their probability is summed.
+_END, _GRID = 3.0, 2001
 
 
 @dataclass(frozen=True)
@@ -59,14 +58,17 @@ class Unseen:
 
 def unseen(fitted: Fitted, scores: Sequence[Score]) -> tuple[Unseen, ...]:
     """Of each absent effect with one strength, how much data may hide; what would move unknowns most comes first."""
-    found = []
+    several = []
     for own in scores:
         strengths = [p for p in own.candidate.declaration.parameters if is_strength(p)]
-        single = [sensed for sensed in own.sensed if sensed.S.shape[1] == 1]
-        if len(strengths) == 1 and single:
-            several = [_hidden(fitted, own.candidate, sensed, strengths[0]) for sensed in single]
-            found.append(max(several, key=_farthest))
-    return tuple(sorted(found, key=_farthest, reverse=True))
+        if len(strengths) == 1:
+            single = (sensed for sensed in own.sensed if sensed.S.shape[1] == 1)
+            several += [(own.candidate, sensed, strengths[0]) for sensed in single]
+    found: dict[Candidate, Unseen] = {}
+    hidden: list[Unseen] = in_threads(lambda shape: _hidden(fitted, *shape), several, fitted.likelihood.workers)
+    for (candidate, *_), one in zip(several, hidden, strict=True):
+        found[candidate] = max(found.get(candidate, one), one, key=_farthest)
+    return tuple(sorted(found.values(), key=_farthest, reverse=True))
 
 
 def _farthest(one: Unseen) -> float:
@@ -129,7 +131,7 @@ def _absorbs(fitted: Fitted, S: np.ndarray) -> np.ndarray:
 def _held(fitted: Fitted, candidate: Candidate, sensed: Sensed, s: float) -> Likelihood:
     """The likelihood of the model with a candidate of strength s [scales]."""
     model = with_effects(fitted.experiment, {candidate.name: sensed.values(np.array([s]))}, ())
-    return Likelihood(model, fitted.likelihood.rows, fitted.likelihood.workers)
+    return Likelihood(model, fitted.likelihood.rows, 1)
 
 
 def _is_bent(
@@ -156,7 +158,7 @@ def _follow(
     visited = {0.0: (fitted.chi2, fitted.point)}
 
     def refit(s: float, start: np.ndarray) -> tuple[np.ndarray, float]:
-        point, chi2 = refine(_held(fitted, candidate, sensed, s), start, _EVALUATIONS)
+        point, chi2 = refine(_held(fitted, candidate, sensed, s), start, EVALUATIONS)
         if math.isfinite(chi2):
             visited[s] = chi2, point
         return point, math.sqrt((chi2 - min(chi2 for chi2, _ in visited.values())) / inflation)

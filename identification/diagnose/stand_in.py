@@ -1,0 +1,59 @@
+"""What an effect would have to be to do what others do: where a fit with it in their place begins."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cradle_env.effects import effect
+from cradle_env.effects.elements import element_of
+from identification.diagnose.candidates import Candidate, Values, filled, is_strength
+from identification.diagnose.fitted import Fitted, span
+from identification.diagnose.score import sensitivities
+
+
+def standing_in(fitted: Fitted, other: Fitted, candidate: Candidate) -> list[Values]:
+    """Values of a candidate, to be added to the model of `fitted`: one for each of its shapes, which does to first
+    order what the effects do that `other` has beyond that model, all else being as `other` has it; if it is one of
+    these effects itself, its values there, said with their mean where the candidate has them all alike. Two that act
+    alike do so however strong they are. None, where nothing can be told."""
+    gone = [name for name in other.cradle.effects if not fitted.cradle.has(name)]
+    if candidate.name in gone:
+        return [_as_in(other, candidate)]
+    names = other.likelihood.names
+    theirs = np.array([name.partition(".")[0] in gone for name in names])
+    done = other.jacobian[:, theirs] @ [_grown(other, name) for name, own in zip(names, theirs, strict=True) if own]
+    if not np.isfinite(done).all() or not done.any():
+        return []
+    rest = span(other.jacobian[:, ~theirs])
+    left = done - rest @ (rest.T @ done)
+    found = []
+    for sensed in sensitivities(other, candidate):
+        S = sensed.S - rest @ (rest.T @ sensed.S)
+        found.append(sensed.values(np.linalg.lstsq(S, left, rcond=1e-6)[0]))
+    return found
+
+
+def _as_in(other: Fitted, candidate: Candidate) -> Values:
+    """The values of a candidate in a model that has it."""
+    values = other.cradle.effects[candidate.name]
+    if not candidate.alike:
+        return dict(values)
+    each = {p.key: p for p in candidate.declaration.parameters if p.each}
+    return {
+        key: filled(each[key], float(np.mean(value)), other.cradle.bobs) if key in each else value
+        for key, value in values.items()
+    }  # fmt: skip
+
+
+def _grown(fitted: Fitted, name: str) -> float:
+    """The change of an unknown's coordinate by which an effect came in, to first order; 0 of what means nothing
+    without it, nan where it came from infinity."""
+    owner, _, address = name.partition(".")
+    key, _ = element_of(address)
+    parameter = next(p for p in effect(owner).parameters if p.key == key)
+    if not is_strength(parameter):
+        return 0.0
+    unknown = fitted.likelihood.unknowns[fitted.likelihood.names.index(name)]
+    value = fitted.values[name]
+    change = value - parameter.absent
+    return (change / value if unknown.log else change) if np.isfinite(change) else np.nan
