@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+import math
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -12,6 +13,7 @@ import pytest
 from cradle_env import Cradle, Release, effects, simulate
 from cradle_env.effects import LEARNED
 from cradle_env.model_files import read_model
+from cradle_env.simulation import SimulationError
 from identification import Experiment, diagnose
 from identification.diagnose import law as law_module
 from identification.diagnose.candidates import candidates
@@ -49,22 +51,62 @@ def fitted(folder, hidden: dict, bobs: int = 1, duration: float = 24.0, **model)
 
 @pytest.mark.parametrize("gap, most, kept", [(1.9, 5.0, True), (2.1, 5.0, False), (1.9, 1.8, False), (2.1, 1.8, False)])
 def test_a_law_that_holds_no_longer_than_it_was_fitted_is_none(monkeypatch, gap, most, kept):
-    """It explains all of the training part; what counts is the inner prediction, where the model alone has a gap of 2
-    and a rival, which may be far worse than the model alone, asks for `most`."""
-
-    def fit(chi2, unknowns, held_out):
-        return SimpleNamespace(chi2=chi2, point=np.zeros(unknowns), coloured=(1.0, 1000.0), experiment="whole",
-                               held_out_gap=lambda: held_out)  # fmt: skip
-
-    alone = fit(5000.0, 4, 2.0)
-    free = {"part": fit(700.0, 6, gap), "whole": fit(1000.0, 6, 1.0)}
-    monkeypatch.setattr(law_module, "_free", lambda _fitted, _searcher, experiment, *_: free[experiment])
+    """What counts is the inner prediction, where the model alone has a gap of 2 and a rival, which may be far worse
+    than the model alone, asks for `most`."""
+    monkeypatch.setattr(law_module, "_free", lambda *_: SimpleNamespace(held_out_gap=lambda: gap))
     linear = SimpleNamespace(term=lambda i: i, values=lambda subset: dict.fromkeys(subset, 1.0))
-    none = Law(alone, alone, (), 2.0, 2.0)  # type: ignore[arg-type]
-    found = law_module._with(none, None, "part", {}, linear, (0, 1), most)  # type: ignore[arg-type]
-    assert (found is not None) == kept
-    if found is not None:
-        assert (found.terms, found.inner_before, found.inner_after) == ((0, 1), 2.0, gap)
+    none = Law(None, None, (), {}, 2.0, 2.0)  # type: ignore[arg-type]
+    draft = law_module._drafted(none, None, None, {}, linear, (0, 1), most)  # type: ignore[arg-type]
+    assert (draft is not None) == kept
+    if draft is not None:
+        assert (draft.terms, draft.new, draft.gap) == ((0, 1), (0, 1), gap)
+
+
+@pytest.mark.parametrize(
+    ("drafts", "taken"),
+    [
+        ([(1.20, 900.0), (1.22, 700.0), (1.40, 100.0)], 1.22),  # as good but for noise: the one with the most evidence
+        ([(1.20, 4990.0), (1.40, 700.0), (1.60, 100.0)], 1.40),  # where the best explains nothing, the next best
+        ([(1.20, math.nan), (1.40, 700.0)], 1.40),  # or where the best cannot swing
+        ([(1.20, 4990.0)], None),
+        ([], None),
+    ],
+)  # fmt: skip
+def test_of_several_laws_the_one_that_predicts_best_is_taken(monkeypatch, drafts, taken):
+    """Each of a gap, and of the χ² that it leaves of 5000 when fitted to the whole. 1200 readings are predicted, whose
+    noise passes a gap of 1.05 once in a hundred times."""
+
+    def fit(chi2, unknowns):
+        def held_out_gap():
+            if math.isnan(chi2):
+                raise SimulationError("it flies away")
+
+        return SimpleNamespace(chi2=chi2, point=np.zeros(unknowns), coloured=(1.0, 3600.0), experiment=None,
+                               held_out_gap=held_out_gap)  # fmt: skip
+
+    left = dict(drafts)
+    monkeypatch.setattr(law_module, "_free", lambda *arguments: fit(left[arguments[4][0]], 6))
+    alone = fit(5000.0, 4)
+    times = np.arange(3600) / 60.0
+    run = SimpleNamespace(readings=np.zeros((3600, 1)))
+    monkeypatch.setattr(law_module, "training_rows", lambda _: ([times < 40.0], [times >= 40.0]))
+    part, none = SimpleNamespace(runs=(run,)), Law(alone, alone, (), {}, 2.0, 2.0)  # type: ignore[arg-type]
+    several = [law_module._Draft((gap,), (gap,), {}, {}, gap) for gap, _ in drafts]
+    found = law_module._completed(none, None, part, several)  # type: ignore[arg-type]
+    assert (found and found.inner_after) == taken
+
+
+@pytest.mark.parametrize(("left", "expected"), [(1.5, [1.9, 1.2]), (30.0, [1.9])])
+def test_far_above_the_noise_the_largest_that_predicts_is_the_draft(monkeypatch, left, expected):
+    gaps = {(0, 1, 2): 2.5, (0, 1): 1.9, (0,): 1.2}
+    monkeypatch.setattr(
+        law_module, "_free", lambda *arguments: SimpleNamespace(held_out_gap=lambda: gaps[arguments[4]])
+    )
+    linear = SimpleNamespace(term=lambda i: i, values=lambda subset: dict.fromkeys(subset, 1.0))
+    alone = SimpleNamespace(training_gap=lambda: left)
+    none = Law(alone, alone, (), {}, 2.0, 2.0)  # type: ignore[arg-type]
+    drafts = law_module._drafts(none, None, None, {}, linear, [*gaps])  # type: ignore[arg-type]
+    assert [draft.gap for draft in drafts] == expected
 
 
 def added(base, searcher, name: str):
@@ -136,7 +178,7 @@ def test_a_law_that_begins_far_worse_than_its_rival_is_not_completed(rubbed, law
 def test_a_law_that_leaves_noise_gets_no_further_terms(rubbed, law, monkeypatch):
     assert only_noise(law.fitted)
     looked, views = [], law_module._free_views
-    monkeypatch.setattr(law_module, "_free_views", lambda one, scales: looked.append(one.terms) or views(one, scales))
+    monkeypatch.setattr(law_module, "_free_views", lambda one: looked.append(one.terms) or views(one))
     learn(*rubbed, QUIET)
     assert not any(looked)  # in what the model alone leaves, perhaps; not in what the law does
 
@@ -270,7 +312,7 @@ def test_bands_do_not_hang_on_how_an_unknown_is_sampled():
         base = Fitted(likelihood, likelihood.start())
         whole = Likelihood(extended(base.experiment, scales_of(base), terms), None, 1)
         fit = Fitted(whole, placed(whole, {"k_f": cradle.k_f}))
-        bands.append(Shape(Law(base, fit, terms, 1.0, 1.0), fit)._of_impacts().band[-1])
+        bands.append(Shape(Law(base, fit, terms, {}, 1.0, 1.0), fit)._of_impacts().band[-1])
     assert bands[1] == pytest.approx(bands[0], rel=0.05)
 
 

@@ -1,16 +1,19 @@
 """A smooth law for what no effect of the catalogue explains: few terms of a fixed library, learned from the data.
 
 Terms are chosen in windows of time with start states of their own, where a force shows where it acts, and in the free
-run, which tells more where the misfit is small: the best subset of each size, and of them the one with the most
-evidence; without forces in time, and with them. The law is then fitted to the training part as one free run, where what
-it leaves over the noise shows further terms, and kept if it predicts: fitted to the first two thirds of the training
-part, it must do better on the rest of it than the model alone. What is held out is never looked at.
+run, which tells more where the misfit is small: the best subset of each size, of them the one with the most evidence,
+and smaller ones; without forces in time, and with them. A law must predict: as one free run, fitted to the first two
+thirds of the training part, it must do better on the rest of it than the model alone, and near the noise the one that
+does best is taken. Fitted to all of that part, what it leaves over the noise shows further terms. What is held out is
+never looked at.
 """
 
 from __future__ import annotations
 
 import functools
+import itertools
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,7 +23,7 @@ from identification.diagnose.cut import can_be_cut, windowed
 from identification.diagnose.decide import CLOSE, log_evidence
 from identification.diagnose.fitted import Fitted, colour
 from identification.diagnose.in_time import with_time
-from identification.diagnose.inner import EQUAL, fitted_within, inner
+from identification.diagnose.inner import FAR, fitted_within, inner
 from identification.diagnose.search import Searcher, fit_key, only_noise, placed
 from identification.diagnose.terms import Linear, Scales, Term, extended, library
 from identification.experiment import Experiment
@@ -42,12 +45,13 @@ _INNER_ROUNDS = 2
 
 @dataclass(frozen=True, eq=False)
 class Law:
-    """A learned law: the model without it and with it, both fitted to the training part; its terms; gaps of the inner
-    prediction without and with it."""
+    """A learned law: the model without it and with it, both fitted to the training part; its terms, and their scales;
+    gaps of the inner prediction without and with it."""
 
     before: Fitted
     fitted: Fitted
     terms: tuple[Term, ...]
+    scales: Scales
     inner_before: float
     inner_after: float
 
@@ -56,6 +60,18 @@ class Law:
         """Over the model without it."""
         more = len(self.fitted.point) - len(self.before.point)
         return log_evidence(self.before.chi2 - self.fitted.chi2, more, *self.fitted.coloured)
+
+
+@dataclass(frozen=True, eq=False)
+class _Draft:
+    """A law as yet fitted to the first two thirds of the training part alone: all its terms and the new ones, what was
+    found of these, scales, and the gap of the inner prediction."""
+
+    terms: tuple[Term, ...]
+    new: tuple[Term, ...]
+    values: dict[str, float]
+    scales: Scales
+    gap: float
 
 
 def learn(fitted: Fitted, searcher: Searcher, tell: Progress, rival: Fitted | None = None) -> Law | None:
@@ -69,11 +85,11 @@ def learn(fitted: Fitted, searcher: Searcher, tell: Progress, rival: Fitted | No
     cut = Linear.of(windowed(fitted), scales) if can_be_cut(fitted.cradle) else None
     tell("law", 0.4, "which terms")
     part = inner(fitted.experiment)
-    none = Law(fitted, fitted, (), *[_free(fitted, searcher, part, scales, (), {}).held_out_gap()] * 2)
+    none = Law(fitted, fitted, (), scales, *[_free(fitted, searcher, part, scales, (), {}).held_out_gap()] * 2)
     most = math.inf if rival is None else _FAR_WORSE * fitted_within(rival, searcher).held_out_gap()
-    free = _free_views(none, scales) if cut is None or _in_step(fitted) else []
+    free = _free_views(none) if cut is None or _in_step(fitted) else []
     views = free if cut is None else [cut, *free]
-    laws = [(_first(none, searcher, part, scales, view, choices(view), most), scales) for view in views]
+    drafts = [one for view in views for one in _drafts(none, searcher, part, scales, view, choices(view), most)]
     tell("law", 0.6, "forces in time")
     if cut is not None and (timed := with_time(cut, scales, chosen(cut))) is not None:
         linear, at = timed
@@ -82,21 +98,21 @@ def learn(fitted: Fitted, searcher: Searcher, tell: Progress, rival: Fitted | No
         if swinging:
             # Near the frequency of the swing a force in time bends to whatever swings with the bobs, for a while.
             most = min(most, gap_of_noise(part.runs, training_rows(part)[1]))
-            laws += [(_first(none, searcher, part, at, linear, some, most), at) for some in ([swinging], several)]
-    found = _best([(law, at) for law, at in laws if law is not None])
-    if found is None:
+            for some in ([swinging], several):
+                drafts += _drafts(none, searcher, part, at, linear, some, most)
+    law = _completed(none, searcher, part, drafts)
+    if law is None:
         return None
-    law, scales = found
     for i in range(_ROUNDS):
         if only_noise(law.fitted):  # terms that bend to noise spoil what the law predicts
             break
         tell("law", 0.8 + 0.05 * i, "what the law leaves")
-        subsets = ((view, chosen(view)) for view in _free_views(law, scales))
-        wider = [_with(law, searcher, part, scales, view, subset) for view, subset in subsets if subset]
-        further = _best([(one, scales) for one in wider if one is not None])
+        views = ((view, choices(view)[:1]) for view in _free_views(law))
+        wider = [one for view, best in views for one in _drafts(law, searcher, part, law.scales, view, best)]
+        further = _completed(law, searcher, part, wider)
         if further is None:
             break
-        law = further[0]
+        law = further
     return law
 
 
@@ -108,55 +124,70 @@ def _in_step(fitted: Fitted) -> bool:
     return fitted.training_gap() <= _SMALL or fitted.chi2 <= _MISSED**2 * motion
 
 
-def _free_views(law: Law, scales: Scales) -> list[Linear]:
+def _free_views(law: Law) -> list[Linear]:
     """What the free run of a law shows of further terms: of those common to all bobs alone, and of all."""
-    linear = Linear.of(law.fitted, scales, law.terms)
+    linear = Linear.of(law.fitted, law.scales, law.terms)
     return [linear] if law.fitted.cradle.bobs == 1 else [linear.alike(), linear]
 
 
-def _best(laws: list[tuple[Law, Scales]]) -> tuple[Law, Scales] | None:
-    """Of the laws that predict as well as any, the one with the most evidence: what holds for no longer than it was
-    fitted is no law, whatever it explains there, and of the others the simplest is the most evident."""
-    least = min((law.inner_after for law, _ in laws), default=0.0)
-    equal = (pair for pair in laws if pair[0].inner_after <= (1.0 + EQUAL) * least)
-    return max(equal, key=lambda pair: pair[0].log_evidence, default=None)
+def choices(linear: Linear) -> list[tuple[int, ...]]:
+    """The best subset of all sizes, then those of the path with half as many terms, a quarter, and one: more terms may
+    bend to what they were fitted to."""
+    path, best = linear.path(_MOST), chosen(linear)
+    sizes = dict.fromkeys((len(best) // 2, len(best) // 4, 1))
+    return [best, *(path[size - 1] for size in sizes if 0 < size < len(best))] if best else []
 
 
-def _first(
-    none: Law, searcher: Searcher, part: Experiment, scales: Scales, linear: Linear, several: list[tuple[int, ...]],
-    most: float,
-) -> Law | None:  # fmt: skip
-    """The law of the first of several subsets that predicts better than the model alone, with a gap below `most`, and
-    has evidence."""
-    laws = (_with(none, searcher, part, scales, linear, subset, most) for subset in several)
-    return next((law for law in laws if law is not None), None)
+def _drafts(
+    law: Law, searcher: Searcher, part: Experiment, scales: Scales, linear: Linear, several: list[tuple[int, ...]],
+    most: float = math.inf,
+) -> list[_Draft]:  # fmt: skip
+    """The law with each of several subsets of further terms that predicts better. Far above the noise the first alone:
+    there how well each predicts one stretch of time says little about the next."""
+    drafted = (_drafted(law, searcher, part, scales, linear, subset, most) for subset in several)
+    predicting = (draft for draft in drafted if draft is not None)
+    return list(itertools.islice(predicting, 1 if law.before.training_gap() > FAR else None))
 
 
-def _with(
+def _drafted(
     law: Law, searcher: Searcher, part: Experiment, scales: Scales, linear: Linear, subset: tuple[int, ...],
     most: float = math.inf,
-) -> Law | None:  # fmt: skip
-    """The law with further terms, fitted; None where that predicts no better, with a gap of `most` or above, or has
-    less evidence."""
+) -> _Draft | None:  # fmt: skip
+    """The law with further terms; None where that predicts no better, or with a gap of `most` or above."""
     new, values = tuple(map(linear.term, subset)), linear.values(subset)
-    fitted, terms = law.before, (*law.terms, *new)
+    terms = (*law.terms, *new)
     try:
-        gap = _free(fitted, searcher, part, scales, terms, values, new).held_out_gap()
-        if gap < min(law.inner_after, most):
-            whole = _free(fitted, searcher, fitted.experiment, scales, terms, values, new)
-            whole.held_out_gap()  # raises where the run ends before the readings do
-            wider = Law(fitted, whole, terms, law.inner_before, gap)
-            return wider if wider.log_evidence > law.log_evidence else None
+        gap = _free(law.before, searcher, part, scales, terms, values, new).held_out_gap()
     except (SimulationError, ValueError):  # a law under which the cradle cannot swing
-        pass
+        return None
+    return _Draft(terms, new, values, scales, gap) if gap < min(law.inner_after, most) else None
+
+
+def _completed(law: Law, searcher: Searcher, part: Experiment, drafts: Sequence[_Draft]) -> Law | None:
+    """Of the drafts that predict as well as any, but for what noise does to a gap, the one with the most evidence when
+    fitted to the whole: what holds for no longer than it was fitted is no law, whatever it explains there. Where none
+    of these has more evidence than the law so far, of those that predict next best; None where there are no more."""
+    by_noise = gap_of_noise(part.runs, training_rows(part)[1])
+    left = sorted(drafts, key=lambda draft: draft.gap)
+    while left:
+        equal = [draft for draft in left if draft.gap <= by_noise * left[0].gap]
+        whole = [one for one in (_whole(law, searcher, draft) for draft in equal) if one is not None]
+        best = max(whole, key=lambda one: one.log_evidence, default=law)
+        if best.log_evidence > law.log_evidence:
+            return best
+        left = left[len(equal) :]
     return None
 
 
-def choices(linear: Linear) -> list[tuple[int, ...]]:
-    """The best subset of all sizes, then those of the path with half as many terms, and a quarter."""
-    path, best = linear.path(_MOST), chosen(linear)
-    sizes = dict.fromkeys(len(best) // k for k in (2, 4))
-    return [best, *(path[size - 1] for size in sizes if 0 < size < len(best))] if best else []
+def _whole(law: Law, searcher: Searcher, draft: _Draft) -> Law | None:
+    """A draft fitted to the whole training part; None where that cannot swing."""
+    fitted = law.before
+    try:
+        whole = _free(fitted, searcher, fitted.experiment, draft.scales, draft.terms, draft.values, draft.new)
+        whole.held_out_gap()  # raises where the run ends before the readings do
+    except (SimulationError, ValueError):
+        return None
+    return Law(fitted, whole, draft.terms, draft.scales, law.inner_before, draft.gap)
 
 
 def chosen(linear: Linear) -> tuple[int, ...]:
