@@ -18,10 +18,10 @@ from tests.independent.soft_contact import SoftCradle
 B = 0.002
 
 
-def examined(folder, hidden: dict, seed: int = 3):
-    """Two bobs, 20 s of them fitted: the base model and what its data show."""
-    cradle = SoftCradle(2, stiffness_factor=1e6, effects=hidden, kappa=190.0, k_f=18000.0, b=B)
-    recording = record(cradle, {2: 0.2}, duration=30.0, seed=seed, noise=1e-3)
+def examined(folder, hidden: dict, seed: int = 3, bobs: int = 2, noise: float = 1e-3):
+    """20 s of 30 s fitted: the base model and what its data show."""
+    cradle = SoftCradle(bobs, stiffness_factor=1e6, effects=hidden, kappa=190.0, k_f=18000.0, b=B)
+    recording = record(cradle, {bobs: 0.2}, duration=30.0, seed=seed, noise=noise)
     searcher = Searcher(Store(None, ""), 0, None)
     path = write_experiment(folder, [recording], stated={"kappa": 187.0, "b": 0.0023})
     return examine(searcher.globally(with_known_noise(Experiment.load(path))), 0, (False,))
@@ -53,12 +53,22 @@ def test_limits_are_those_of_fits(plain, name):
     """Held at its limit, and everything fitted again, an effect leaves more χ² than at its best: 1.645² = 2.7 from a
     best above zero, 1.96² = 3.8 from zero or to both sides, 3.96² − 2² = 11.7 where the data alone would have it two
     standard deviations on the impossible side."""
-    own = next(s for s in plain.scored.scores if s.candidate.name == name and s.sensed[0].S.shape[1] == 1)
-    (told,) = unseen(plain.fitted, [own])
+    assert 1.9 < left_at_the_limit(plain, name) < 12.0
+
+
+def test_limits_of_three_bobs_are_followed_too(tmp_path):
+    """To first order, dry friction would leave 25 at its limit."""
+    assert 1.9 < left_at_the_limit(examined(tmp_path, {}, bobs=3, noise=5e-3), "pivot_friction") < 12.0
+
+
+def left_at_the_limit(found, name: str) -> float:
+    """By how much more χ² an effect leaves, everything else fitted again, held at its limit than at its best."""
+    own = next(s for s in found.scored.scores if s.candidate.name == name and s.sensed[0].S.shape[1] == 1)
+    (told,) = unseen(found.fitted, [own])
     searcher = Searcher(Store(None, ""), 0, None)
-    free = searcher.adding(plain.fitted, own.candidate)
-    held = with_effects(plain.fitted.experiment, {name: {told.parameter.key: told.limit}}, ())
-    assert 1.9 < searcher.nearby(held, plain.fitted.values).chi2 - free.chi2 < 12.0
+    free = searcher.adding(found.fitted, own.candidate)
+    held = with_effects(found.fitted.experiment, {name: {told.parameter.key: told.limit}}, ())
+    return searcher.nearby(held, found.fitted.values).chi2 - free.chi2
 
 
 def test_nothing_is_said_of_data_that_the_model_does_not_describe(tmp_path):

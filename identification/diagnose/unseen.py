@@ -3,8 +3,7 @@
 A strength s changes the residuals r by S s, of which a refit leaves S⊥ s. Data that show nothing of it
 leave s = −S⊥·r/|S⊥|² ± √c/|S⊥|, cut at its bounds (c: see `decide`); and with s the unknowns move by
 −J⁺ S s, to first order. Where the readings there are others than that, as κ makes up for added mass over hundreds of
-its standard deviations, refits follow to where the data do exclude s: of fewer than three bobs, over which the misfit
-is smooth.
+its standard deviations, refits follow to where the data do exclude s.
 """
 
 from __future__ import annotations
@@ -23,9 +22,9 @@ from identification.diagnose.candidates import Candidate, is_strength, strength,
 from identification.diagnose.fitted import Fitted
 from identification.diagnose.profile import EVALUATIONS, profile_end
 from identification.diagnose.score import LEAST_SEEN, Score, Sensed, change
-from identification.fit import SEVERAL, bounds, refine
+from identification.fit import bounds, cost, refine
 from identification.likelihood import Likelihood
-from identification.rough import lengths_of
+from identification.rough import lengths_of, polish
 
 #: Probability that the true strength is below its limit; rounds in which that is found.
 _SURE, _ROUNDS = 0.95, 4
@@ -87,7 +86,7 @@ def _hidden(fitted: Fitted, candidate: Candidate, sensed: Sensed, parameter: Par
     limit, S = found
     slope = _absorbs(fitted, S)
     moved = limit * slope
-    if fitted.cradle.bobs < SEVERAL and _is_bent(fitted, candidate, sensed, limit, S, slope):
+    if _is_bent(fitted, candidate, sensed, limit, S, slope):
         followed = _follow(fitted, candidate, sensed, S, slope, low, high)
         if followed is None:
             return Unseen(candidate.name, candidate.alike, parameter, None, {})
@@ -158,7 +157,10 @@ def _follow(
     visited = {0.0: (fitted.chi2, fitted.point)}
 
     def refit(s: float, start: np.ndarray) -> tuple[np.ndarray, float]:
-        point, chi2 = refine(_held(fitted, candidate, sensed, s), start, EVALUATIONS)
+        held = _held(fitted, candidate, sensed, s)
+        point, chi2 = refine(held, start, EVALUATIONS)
+        if math.isfinite(chi2) and not np.array_equal(moved := polish(held, point), point):
+            point, chi2 = moved, cost(held, moved)
         if math.isfinite(chi2):
             visited[s] = chi2, point
         return point, math.sqrt((chi2 - min(chi2 for chi2, _ in visited.values())) / inflation)
