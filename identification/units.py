@@ -47,9 +47,9 @@ def check_unit(run: Run, cradle: Cradle) -> None:
             )
 
 
-def swings_read(run: Run) -> np.ndarray:
-    """Readings (T, N) from where each bob rests, as far as they tell; nan where they are not used."""
-    seen = np.where((run.fitted | run.held_out)[:, None], run.readings, np.nan)
+def swings_read(run: Run, rows: np.ndarray) -> np.ndarray:
+    """Readings (T, N) from where each bob rests, as far as these rows (T,) tell; nan elsewhere."""
+    seen = np.where(rows[:, None], run.readings, np.nan)
     if run.rest == "free":
         known = np.flatnonzero(~np.isnan(seen).all(axis=0))
         seen[:, known] -= np.nanmedian(seen[:, known], axis=0)
@@ -57,8 +57,8 @@ def swings_read(run: Run) -> np.ndarray:
 
 
 def angles_read(run: Run, cradle: Cradle) -> np.ndarray:
-    """`swings_read` as angles (T, N) [rad]."""
-    return dataclasses.replace(run, readings=swings_read(run)).angles(cradle)
+    """`swings_read` of all readings that are used, as angles (T, N) [rad]."""
+    return dataclasses.replace(run, readings=swings_read(run, run.fitted | run.held_out)).angles(cradle)
 
 
 def _shown(angle: float, run: Run) -> str:

@@ -1,6 +1,7 @@
 """Laws learned from data of the soft-contact reference, which has forces that no catalogue foresees."""
 
 import dataclasses
+import itertools
 import json
 import math
 from pathlib import Path
@@ -63,18 +64,26 @@ def test_a_law_that_holds_no_longer_than_it_was_fitted_is_none(monkeypatch, gap,
 
 
 @pytest.mark.parametrize(
-    ("drafts", "taken"),
+    ("gap_alone", "choices", "taken"),
     [
-        ([(1.20, 900.0), (1.22, 700.0), (1.40, 100.0)], 1.22),  # as good but for noise: the one with the most evidence
-        ([(1.20, 4990.0), (1.40, 700.0), (1.60, 100.0)], 1.40),  # where the best explains nothing, the next best
-        ([(1.20, math.nan), (1.40, 700.0)], 1.40),  # or where the best cannot swing
-        ([(1.20, 4990.0)], None),
-        ([], None),
+        # near the noise: of those that predict as well but for noise, the one with the most evidence
+        (1.5, [[(1.20, 900.0), (1.22, 700.0), (1.40, 100.0)]], 1.22),
+        (1.5, [[(1.20, 4990.0), (1.40, 700.0), (1.60, 100.0)]], 1.40),  # where the best explains nothing, the next best
+        (1.5, [[(1.20, math.nan), (1.40, 700.0)]], 1.40),  # or where the best cannot swing
+        (1.5, [[(1.40, 700.0)], [(1.20, 900.0)]], 1.20),  # whichever choice it is from
+        (1.5, [[(1.20, 4990.0)]], None),
+        (1.5, [[]], None),
+        # far above it: the first of each choice that explains anything
+        (30.0, [[(1.40, 700.0), (1.20, 100.0)]], 1.40),
+        (30.0, [[(1.20, 4990.0), (1.60, math.nan), (1.40, 700.0), (1.30, 100.0)]], 1.40),
+        (30.0, [[(1.40, 900.0), (1.20, 100.0)], [(1.60, 700.0)]], 1.40),  # of these the one that predicts best
+        (30.0, [[(1.20, 4990.0), (1.70, 700.0)], [(1.60, 900.0)]], 1.60),  # as it then stands
+        (30.0, [[(1.20, 4990.0)], []], None),
     ],
 )  # fmt: skip
-def test_of_several_laws_the_one_that_predicts_best_is_taken(monkeypatch, drafts, taken):
+def test_which_of_several_laws_is_taken(monkeypatch, gap_alone, choices, taken):
     """Each of a gap, and of the χ² that it leaves of 5000 when fitted to the whole. 1200 readings are predicted, whose
-    noise passes a gap of 1.05 once in a hundred times."""
+    noise passes a gap of 1.05 once in a hundred times. All are reached, and no more are fitted than need be."""
 
     def fit(chi2, unknowns):
         def held_out_gap():
@@ -82,31 +91,34 @@ def test_of_several_laws_the_one_that_predicts_best_is_taken(monkeypatch, drafts
                 raise SimulationError("it flies away")
 
         return SimpleNamespace(chi2=chi2, point=np.zeros(unknowns), coloured=(1.0, 3600.0), experiment=None,
-                               held_out_gap=held_out_gap)  # fmt: skip
+                               training_gap=lambda: gap_alone, held_out_gap=held_out_gap)  # fmt: skip
 
-    left = dict(drafts)
+    left = dict(itertools.chain.from_iterable(choices))
     monkeypatch.setattr(law_module, "_free", lambda *arguments: fit(left[arguments[4][0]], 6))
     alone = fit(5000.0, 4)
     times = np.arange(3600) / 60.0
     run = SimpleNamespace(readings=np.zeros((3600, 1)))
     monkeypatch.setattr(law_module, "training_rows", lambda _: ([times < 40.0], [times >= 40.0]))
     part, none = SimpleNamespace(runs=(run,)), Law(alone, alone, (), {}, 2.0, 2.0)  # type: ignore[arg-type]
-    several = [law_module._Draft((gap,), (gap,), {}, {}, gap) for gap, _ in drafts]
+    several = [(law_module._Draft((gap,), (gap,), {}, {}, gap) for gap, _ in choice) for choice in choices]
     found = law_module._completed(none, None, part, several)  # type: ignore[arg-type]
     assert (found and found.inner_after) == taken
 
 
-@pytest.mark.parametrize(("left", "expected"), [(1.5, [1.9, 1.2]), (30.0, [1.9])])
-def test_far_above_the_noise_the_largest_that_predicts_is_the_draft(monkeypatch, left, expected):
-    gaps = {(0, 1, 2): 2.5, (0, 1): 1.9, (0,): 1.2}
-    monkeypatch.setattr(
-        law_module, "_free", lambda *arguments: SimpleNamespace(held_out_gap=lambda: gaps[arguments[4]])
-    )
+def test_drafts_that_predict_nothing_are_passed_over(monkeypatch):
+    """And none is fitted before it is asked for."""
+    gaps, tried = {(0, 1, 2): 2.5, (0, 1): 1.9, (0,): 1.2}, []
+
+    def free(*arguments):
+        tried.append(arguments[4])
+        return SimpleNamespace(held_out_gap=lambda: gaps[arguments[4]])
+
+    monkeypatch.setattr(law_module, "_free", free)
     linear = SimpleNamespace(term=lambda i: i, values=lambda subset: dict.fromkeys(subset, 1.0))
-    alone = SimpleNamespace(training_gap=lambda: left)
-    none = Law(alone, alone, (), {}, 2.0, 2.0)  # type: ignore[arg-type]
+    none = Law(None, None, (), {}, 2.0, 2.0)  # type: ignore[arg-type]
     drafts = law_module._drafts(none, None, None, {}, linear, [*gaps])  # type: ignore[arg-type]
-    assert [draft.gap for draft in drafts] == expected
+    assert next(drafts).gap == 1.9 and tried == [(0, 1, 2), (0, 1)]
+    assert [draft.gap for draft in drafts] == [1.2]
 
 
 def added(base, searcher, name: str):
@@ -363,6 +375,22 @@ def test_whether_a_free_run_is_in_step_hangs_on_the_motion_it_misses(rubbed):
     shifted = SimpleNamespace(experiment=SimpleNamespace(runs=away), likelihood=likelihood,
                               chi2=Fitted(likelihood, stopped).chi2, training_gap=lambda: 100.0)  # fmt: skip
     assert not law_module._in_step(shifted)  # type: ignore[arg-type]
+
+
+def test_scales_are_those_of_the_training_part(rubbed):
+    """What is held out does not even tell where x is counted from."""
+    base, _ = rubbed
+
+    def scales(beyond):
+        runs = tuple(
+            dataclasses.replace(run, readings=np.where(rows[:, None], run.readings, beyond), rest="free")
+            for run, rows in zip(base.experiment.runs, base.likelihood.rows, strict=True)
+        )
+        seen = SimpleNamespace(cradle=base.cradle, likelihood=base.likelihood, experiment=SimpleNamespace(runs=runs))
+        return scales_of(seen)  # type: ignore[arg-type]
+
+    assert 0.5 < np.mean(base.likelihood.rows) < 0.7
+    assert scales(0.0) == scales(5.0) == pytest.approx(scales_of(base), rel=0.05)
 
 
 def test_further_terms_set_nothing_that_a_law_has(tmp_path):

@@ -3,9 +3,8 @@
 Terms are chosen in windows of time with start states of their own, where a force shows where it acts, and in the free
 run, which tells more where the misfit is small: the best subset of each size, of them the one with the most evidence,
 and smaller ones; without forces in time, and with them. A law must predict: as one free run, fitted to the first two
-thirds of the training part, it must do better on the rest of it than the model alone, and near the noise the one that
-does best is taken. Fitted to all of that part, what it leaves over the noise shows further terms. What is held out is
-never looked at.
+thirds of the training part, it must do better on the rest of it than the model alone. Fitted to all of that part, what
+it leaves over the noise shows further terms. What is held out is never looked at.
 """
 
 from __future__ import annotations
@@ -13,7 +12,7 @@ from __future__ import annotations
 import functools
 import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -89,7 +88,7 @@ def learn(fitted: Fitted, searcher: Searcher, tell: Progress, rival: Fitted | No
     most = math.inf if rival is None else _FAR_WORSE * fitted_within(rival, searcher).held_out_gap()
     free = _free_views(none) if cut is None or _in_step(fitted) else []
     views = free if cut is None else [cut, *free]
-    drafts = [one for view in views for one in _drafts(none, searcher, part, scales, view, choices(view), most)]
+    drafts = [_drafts(none, searcher, part, scales, view, choices(view), most) for view in views]
     tell("law", 0.6, "forces in time")
     if cut is not None and (timed := with_time(cut, scales, chosen(cut))) is not None:
         linear, at = timed
@@ -99,7 +98,7 @@ def learn(fitted: Fitted, searcher: Searcher, tell: Progress, rival: Fitted | No
             # Near the frequency of the swing a force in time bends to whatever swings with the bobs, for a while.
             most = min(most, gap_of_noise(part.runs, training_rows(part)[1]))
             for some in ([swinging], several):
-                drafts += _drafts(none, searcher, part, at, linear, some, most)
+                drafts.append(_drafts(none, searcher, part, at, linear, some, most))
     law = _completed(none, searcher, part, drafts)
     if law is None:
         return None
@@ -107,8 +106,8 @@ def learn(fitted: Fitted, searcher: Searcher, tell: Progress, rival: Fitted | No
         if only_noise(law.fitted):  # terms that bend to noise spoil what the law predicts
             break
         tell("law", 0.8 + 0.05 * i, "what the law leaves")
-        views = ((view, choices(view)[:1]) for view in _free_views(law))
-        wider = [one for view, best in views for one in _drafts(law, searcher, part, law.scales, view, best)]
+        views = ((view, chosen(view)) for view in _free_views(law))
+        wider = [_drafts(law, searcher, part, law.scales, view, [best]) for view, best in views if best]
         further = _completed(law, searcher, part, wider)
         if further is None:
             break
@@ -120,7 +119,7 @@ def _in_step(fitted: Fitted) -> bool:
     """Whether a free run stays near enough to the data for what a term does to it to add up to what it misses."""
     likelihood, motion = fitted.likelihood, 0.0
     for run, rows, noise in zip(fitted.experiment.runs, likelihood.rows, likelihood.weighing, strict=True):
-        motion += float(np.nansum((swings_read(run)[rows] / noise) ** 2))
+        motion += float(np.nansum((swings_read(run, rows)[rows] / noise) ** 2))
     return fitted.training_gap() <= _SMALL or fitted.chi2 <= _MISSED**2 * motion
 
 
@@ -141,17 +140,15 @@ def choices(linear: Linear) -> list[tuple[int, ...]]:
 def _drafts(
     law: Law, searcher: Searcher, part: Experiment, scales: Scales, linear: Linear, several: list[tuple[int, ...]],
     most: float = math.inf,
-) -> list[_Draft]:  # fmt: skip
-    """The law with each of several subsets of further terms that predicts better. Far above the noise the first alone:
-    there how well each predicts one stretch of time says little about the next."""
+) -> Iterator[_Draft]:  # fmt: skip
+    """The law with each of several subsets of further terms that predicts better."""
     drafted = (_drafted(law, searcher, part, scales, linear, subset, most) for subset in several)
-    predicting = (draft for draft in drafted if draft is not None)
-    return list(itertools.islice(predicting, 1 if law.before.training_gap() > FAR else None))
+    return (draft for draft in drafted if draft is not None)
 
 
 def _drafted(
     law: Law, searcher: Searcher, part: Experiment, scales: Scales, linear: Linear, subset: tuple[int, ...],
-    most: float = math.inf,
+    most: float,
 ) -> _Draft | None:  # fmt: skip
     """The law with further terms; None where that predicts no better, or with a gap of `most` or above."""
     new, values = tuple(map(linear.term, subset)), linear.values(subset)
@@ -163,20 +160,32 @@ def _drafted(
     return _Draft(terms, new, values, scales, gap) if gap < min(law.inner_after, most) else None
 
 
-def _completed(law: Law, searcher: Searcher, part: Experiment, drafts: Sequence[_Draft]) -> Law | None:
-    """Of the drafts that predict as well as any, but for what noise does to a gap, the one with the most evidence when
-    fitted to the whole: what holds for no longer than it was fitted is no law, whatever it explains there. Where none
-    of these has more evidence than the law so far, of those that predict next best; None where there are no more."""
+def _completed(law: Law, searcher: Searcher, part: Experiment, several: Sequence[Iterator[_Draft]]) -> Law | None:
+    """The law of one of the drafts of several choices that has more evidence, fitted to the whole, than the law so far;
+    None where there is none: what holds for no longer than it was fitted is no law, whatever it explains there.
+
+    Those that predict as well as the best, but for what noise does to a gap, are fitted, and that with the most
+    evidence is taken; where none of these will do, the next best. Far above the noise, where how well each predicts one
+    stretch of time says little about the next, a choice stands for its first draft until that will not do.
+    """
+    if law.before.training_gap() <= FAR:
+        several = [iter([draft]) for draft in itertools.chain.from_iterable(several)]
     by_noise = gap_of_noise(part.runs, training_rows(part)[1])
-    left = sorted(drafts, key=lambda draft: draft.gap)
+    left = [(draft, choice) for choice in several for draft in itertools.islice(choice, 1)]
     while left:
-        equal = [draft for draft in left if draft.gap <= by_noise * left[0].gap]
-        whole = [one for one in (_whole(law, searcher, draft) for draft in equal) if one is not None]
-        best = max(whole, key=lambda one: one.log_evidence, default=law)
-        if best.log_evidence > law.log_evidence:
-            return best
-        left = left[len(equal) :]
+        least = min(draft.gap for draft, _ in left)
+        equal = [one for one in left if one[0].gap <= by_noise * least]
+        if found := list(_better(law, searcher, [draft for draft, _ in equal])):
+            return max(found, key=lambda one: one.log_evidence)
+        left = [one for one in left if one not in equal]
+        left += [(draft, choice) for _, choice in equal for draft in itertools.islice(choice, 1)]
     return None
+
+
+def _better(law: Law, searcher: Searcher, drafts: Iterable[_Draft]) -> Iterator[Law]:
+    """Those of the drafts, fitted to the whole, with more evidence than the law so far."""
+    whole = (_whole(law, searcher, draft) for draft in drafts)
+    return (one for one in whole if one is not None and one.log_evidence > law.log_evidence)
 
 
 def _whole(law: Law, searcher: Searcher, draft: _Draft) -> Law | None:
@@ -266,6 +275,6 @@ def scales_of(fitted: Fitted) -> Scales:
     for run, rows in zip(fitted.experiment.runs, fitted.likelihood.rows, strict=True):
         if rows.any():
             unit = 1.0 if run.quantity == "theta" else fitted.cradle.length
-            largest = max(largest, float(np.nanmax(np.abs(swings_read(run)[rows]))) / unit)
+            largest = max(largest, float(np.nanmax(np.abs(swings_read(run, rows)))) / unit)
     return {"angle": largest, "speed": largest * math.sqrt(fitted.cradle.gravity * fitted.cradle.length),
             "frequency": 1.0 / fitted.cradle.period}  # fmt: skip

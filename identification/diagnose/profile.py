@@ -29,19 +29,20 @@ def profile_end(
     """
     at, risen, stride, growth = 0.0, 0.0, end, 2.0
     for _ in range(_MARCH):
-        stride = min(stride, furthest - at)
-        there = at + stride
-        found, reached = refit(there, point + (there - at) * ahead)
+        last = stride >= furthest - at
+        there = furthest if last else at + stride
+        stride = there - at
+        found, reached = refit(there, point + stride * ahead)
         if abs(reached - end) < _NEAR * end and reached > risen:
             share = (end - risen) / (reached - risen)
-            last = min(at + share * (there - at), furthest)
-            return last, point + (last - at) / (there - at) * (found - point)
+            share = min(share, (furthest - at) / stride)
+            return at + share * stride, point + share * (found - point)
         if reached > end:  # too far
             stride *= float(np.clip((end - risen) / (reached - risen), *_SHORTER))
             growth = 1.0
-        elif there >= furthest:
+        elif last:
             return furthest, found
         else:
-            ahead = (found - point) / (there - at)
+            ahead = (found - point) / stride
             at, point, risen, stride = there, found, reached, growth * stride
     return at, point

@@ -156,7 +156,8 @@ class Searcher:
             return self.adding(fitted, candidate)
         several = [*starts(own, fitted.cradle.bobs, _FACTORS), *likely]
         tried = [placed(likelihood, {**other.values, **flat(own.name, values)}) for values in several]
-        key = fit_key("beside", likelihood.experiment, fitted.point.tolist(), other.point.tolist())
+        begun = [sorted(flat(own.name, values).items()) for values in likely]
+        key = fit_key("beside", likelihood.experiment, fitted.point.tolist(), other.point.tolist(), begun, enough)
         point = self.store.point(key, lambda: best_of(likelihood, tried, early_too=False, enough=enough))
         return self.best(Fitted(likelihood, point))
 

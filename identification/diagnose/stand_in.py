@@ -7,8 +7,11 @@ import numpy as np
 from cradle_env.effects import effect
 from cradle_env.effects.elements import element_of
 from identification.diagnose.candidates import Candidate, Values, filled, is_strength
-from identification.diagnose.fitted import Fitted, span
+from identification.diagnose.fitted import Fitted
 from identification.diagnose.score import sensitivities
+
+#: Strengths of a candidate that do this nearly the same, relatively, are taken together.
+_PARALLEL = 1e-6
 
 
 def standing_in(fitted: Fitted, other: Fitted, candidate: Candidate) -> list[Values]:
@@ -20,17 +23,13 @@ def standing_in(fitted: Fitted, other: Fitted, candidate: Candidate) -> list[Val
     if candidate.name in gone:
         return [_as_in(other, candidate)]
     names = other.likelihood.names
-    theirs = np.array([name.partition(".")[0] in gone for name in names])
-    done = other.jacobian[:, theirs] @ [_grown(other, name) for name, own in zip(names, theirs, strict=True) if own]
-    if not np.isfinite(done).all() or not done.any():
+    grown = {i: _grown(other, name) for i, name in enumerate(names) if name.partition(".")[0] in gone}
+    if not any(grown.values()) or not np.isfinite(list(grown.values())).all():
         return []
-    rest = span(other.jacobian[:, ~theirs])
-    left = done - rest @ (rest.T @ done)
-    found = []
-    for sensed in sensitivities(other, candidate):
-        S = sensed.S - rest @ (rest.T @ sensed.S)
-        found.append(sensed.values(np.linalg.lstsq(S, left, rcond=1e-6)[0]))
-    return found
+    done = other.jacobian[:, list(grown)] @ list(grown.values())
+    return [
+        sensed.values(np.linalg.lstsq(sensed.S, done, rcond=_PARALLEL)[0]) for sensed in sensitivities(other, candidate)
+    ]
 
 
 def _as_in(other: Fitted, candidate: Candidate) -> Values:
@@ -53,7 +52,5 @@ def _grown(fitted: Fitted, name: str) -> float:
     parameter = next(p for p in effect(owner).parameters if p.key == key)
     if not is_strength(parameter):
         return 0.0
-    unknown = fitted.likelihood.unknowns[fitted.likelihood.names.index(name)]
-    value = fitted.values[name]
-    change = value - parameter.absent
-    return (change / value if unknown.log else change) if np.isfinite(change) else np.nan
+    change = fitted.values[name] - parameter.absent
+    return change if np.isfinite(change) else np.nan

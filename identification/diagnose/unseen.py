@@ -64,7 +64,8 @@ def unseen(fitted: Fitted, scores: Sequence[Score]) -> tuple[Unseen, ...]:
             single = (sensed for sensed in own.sensed if sensed.S.shape[1] == 1)
             several += [(own.candidate, sensed, strengths[0]) for sensed in single]
     found: dict[Candidate, Unseen] = {}
-    hidden: list[Unseen] = in_threads(lambda shape: _hidden(fitted, *shape), several, fitted.likelihood.workers)
+    sd = np.sqrt(np.diag(fitted.covariance))
+    hidden: list[Unseen] = in_threads(lambda shape: _hidden(fitted, sd, *shape), several, fitted.likelihood.workers)
     for (candidate, *_), one in zip(several, hidden, strict=True):
         found[candidate] = max(found.get(candidate, one), one, key=_farthest)
     return tuple(sorted(found.values(), key=_farthest, reverse=True))
@@ -74,8 +75,8 @@ def _farthest(one: Unseen) -> float:
     return max(map(abs, one.moves.values()), default=math.inf)
 
 
-def _hidden(fitted: Fitted, candidate: Candidate, sensed: Sensed, parameter: Parameter) -> Unseen:
-    """How much of a shape of a candidate the data may hide."""
+def _hidden(fitted: Fitted, sd: np.ndarray, candidate: Candidate, sensed: Sensed, parameter: Parameter) -> Unseen:
+    """How much of a shape of a candidate the data may hide; sd (D,): the point's standard deviations."""
     if math.isinf(parameter.absent):
         low, high = 0.0, parameter.scale / parameter.low if parameter.low > 0.0 else math.inf
     else:
@@ -91,9 +92,8 @@ def _hidden(fitted: Fitted, candidate: Candidate, sensed: Sensed, parameter: Par
         if followed is None:
             return Unseen(candidate.name, candidate.alike, parameter, None, {})
         limit, moved = followed
-    deviations = np.sqrt(np.diag(fitted.covariance))
     moves = {
-        name: float(moved[i] / deviations[i])
+        name: float(moved[i] / sd[i])
         for i, name in enumerate(fitted.likelihood.names) if name in ("k_f", "kappa", "b")
     }  # fmt: skip
     return Unseen(candidate.name, candidate.alike, parameter, strength(parameter, limit), moves)
@@ -166,6 +166,8 @@ def _follow(
         return point, math.sqrt((chi2 - min(chi2 for chi2, _ in visited.values())) / inflation)
 
     for bound in (bound for bound in (low, high) if bound != 0.0):
+        if fitted.chi2 - min(chi2 for chi2, _ in visited.values()) > _END**2 * inflation:
+            continue  # beyond the end already: the other side holds better
         step = math.copysign(sd, bound)
         u, point = profile_end(
             lambda u, start, step=step: refit(u * step, start),
