@@ -15,12 +15,14 @@ from identification.fit import SEVERAL, Progress, find_mode, jacobian, mode_at, 
 from identification.foretold import allowed_gap
 from identification.jumps import learned
 from identification.likelihood import Likelihood, rms
+from identification.linear_algebra import on_one_thread
 from identification.posterior import Gap, Posterior
 from identification.rough import broad_jacobian
 from identification.sample import Chains, Checkpoint, sample
 from identification.units import check_unit
 
 
+@on_one_thread
 def calibrate(
     experiment: Experiment,
     parameters: Sequence[str] | None = None,

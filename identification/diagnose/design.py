@@ -22,6 +22,7 @@ from identification.experiment import Experiment
 from identification.experiment_file import infer_lines, model_lines
 from identification.files import ExperimentError, check_report, read_text
 from identification.fit import Progress
+from identification.linear_algebra import on_one_thread
 from identification.toml_file import toml_text
 from identification.unknowns import FIELDS
 
@@ -103,6 +104,7 @@ class Design:
         return "\n".join([*lines, ""])
 
 
+@on_one_thread
 def design(
     experiment: Experiment,
     *,

@@ -13,6 +13,7 @@ from identification.diagnose.fitted import Fitted
 from identification.diagnose.profile import EVALUATIONS, profile_end
 from identification.fit import SEVERAL, bounds, refine
 from identification.likelihood import Likelihood
+from identification.linear_algebra import on_one_thread
 
 #: Normal quantile of the ends of an interval.
 _END = float(norm.ppf(0.975))
@@ -27,6 +28,7 @@ class Interval:
     ci95: tuple[float, float]
 
 
+@on_one_thread
 def intervals(fitted: Fitted) -> dict[str, Interval]:
     """Medians and 95 % intervals by Laplace, inflated for residuals that are not white and cut at the bounds; of
     fewer than three bobs, over which the misfit is smooth, the intervals of what is of the model by profile: of

@@ -24,6 +24,7 @@ from identification.diagnose.profile import EVALUATIONS, profile_end
 from identification.diagnose.score import LEAST_SEEN, Score, Sensed, change
 from identification.fit import bounds, cost, refine
 from identification.likelihood import Likelihood
+from identification.linear_algebra import on_one_thread
 from identification.rough import lengths_of, polish
 
 #: Probability that the true strength is below its limit; rounds in which that is found.
@@ -55,6 +56,7 @@ class Unseen:
         }  # fmt: skip
 
 
+@on_one_thread
 def unseen(fitted: Fitted, scores: Sequence[Score]) -> tuple[Unseen, ...]:
     """Of each absent effect with one strength, how much data may hide; what would move unknowns most comes first."""
     several = []

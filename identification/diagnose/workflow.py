@@ -18,8 +18,10 @@ from identification.diagnose.simpler import simpler, taken_out
 from identification.diagnose.slips import check_slips
 from identification.experiment import Experiment
 from identification.fit import Progress
+from identification.linear_algebra import on_one_thread
 
 
+@on_one_thread
 def diagnose(
     experiment: Experiment,
     *,
