@@ -8,6 +8,7 @@ its standard deviations, refits follow to where the data do exclude s.
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -33,6 +34,8 @@ _SURE, _ROUNDS = 0.95, 4
 _BENT = 0.5
 #: Profiles: standard deviations up to which they are followed, strengths at which their probability is summed.
 _END, _GRID = 3.0, 2001
+#: Rounds over a rough misfit of each refit: from strength to strength the next goes on where the last one came to.
+_ROUGH_ROUNDS = 2
 
 
 @dataclass(frozen=True)
@@ -56,44 +59,51 @@ class Unseen:
         }  # fmt: skip
 
 
+@dataclass(frozen=True, eq=False)
+class _Foretold:
+    """What data may hide of a shape of a candidate, to first order: its strength between bounds [scales], None where
+    they see nothing of it; the change of the residuals by each scale there, (R + P,), and how the point moves, (D,)."""
+
+    candidate: Candidate
+    sensed: Sensed
+    parameter: Parameter
+    low: float
+    high: float
+    limit: float | None
+    S: np.ndarray
+    slope: np.ndarray
+
+
 @on_one_thread
 def unseen(fitted: Fitted, scores: Sequence[Score]) -> tuple[Unseen, ...]:
-    """Of each absent effect with one strength, how much data may hide; what would move unknowns most comes first."""
+    """Of each absent effect with one strength, how much data may hide, in that of its shapes of which they may to first
+    order hide what moves unknowns most; what would move unknowns most comes first."""
     several = []
     for own in scores:
         strengths = [p for p in own.candidate.declaration.parameters if is_strength(p)]
         if len(strengths) == 1:
             single = (sensed for sensed in own.sensed if sensed.S.shape[1] == 1)
             several += [(own.candidate, sensed, strengths[0]) for sensed in single]
-    found: dict[Candidate, Unseen] = {}
     sd = np.sqrt(np.diag(fitted.covariance))
-    hidden: list[Unseen] = in_threads(lambda shape: _hidden(fitted, sd, *shape), several, fitted.likelihood.workers)
-    for (candidate, *_), one in zip(several, hidden, strict=True):
-        found[candidate] = max(found.get(candidate, one), one, key=_farthest)
-    return tuple(sorted(found.values(), key=_farthest, reverse=True))
+    workers, farthest = fitted.likelihood.workers, {}
+    for one in in_threads(lambda shape: _foretold(fitted, *shape), several, workers):
+        known = farthest.get(one.candidate, one)
+        farthest[one.candidate] = max(known, one, key=lambda one: _farthest(_told(fitted, sd, one)))
+    found = in_threads(lambda one: _hidden(fitted, sd, one), list(farthest.values()), workers)
+    return tuple(sorted(found, key=_farthest, reverse=True))
 
 
 def _farthest(one: Unseen) -> float:
     return max(map(abs, one.moves.values()), default=math.inf)
 
 
-def _hidden(fitted: Fitted, sd: np.ndarray, candidate: Candidate, sensed: Sensed, parameter: Parameter) -> Unseen:
-    """How much of a shape of a candidate the data may hide; sd (D,): the point's standard deviations."""
-    if math.isinf(parameter.absent):
-        low, high = 0.0, parameter.scale / parameter.low if parameter.low > 0.0 else math.inf
-    else:
-        low, high = sorted((bound - parameter.absent) / parameter.scale for bound in (parameter.low, parameter.high))
-    found = _limit(fitted, candidate, sensed, low, high)
-    if found is None:
+def _told(fitted: Fitted, sd: np.ndarray, one: _Foretold, further: tuple[float, np.ndarray] | None = None) -> Unseen:
+    """As it is reported, to first order or further, where (limit, how far the point moves, (D,)) is known; sd (D,): the
+    point's standard deviations."""
+    candidate, parameter = one.candidate, one.parameter
+    if one.limit is None:
         return Unseen(candidate.name, candidate.alike, parameter, None, {})
-    limit, S = found
-    slope = _absorbs(fitted, S)
-    moved = limit * slope
-    if _is_bent(fitted, candidate, sensed, limit, S, slope):
-        followed = _follow(fitted, candidate, sensed, S, slope, low, high)
-        if followed is None:
-            return Unseen(candidate.name, candidate.alike, parameter, None, {})
-        limit, moved = followed
+    limit, moved = further or (one.limit, one.limit * one.slope)
     moves = {
         name: float(moved[i] / sd[i])
         for i, name in enumerate(fitted.likelihood.names) if name in ("k_f", "kappa", "b")
@@ -101,9 +111,27 @@ def _hidden(fitted: Fitted, sd: np.ndarray, candidate: Candidate, sensed: Sensed
     return Unseen(candidate.name, candidate.alike, parameter, strength(parameter, limit), moves)
 
 
+def _foretold(fitted: Fitted, candidate: Candidate, sensed: Sensed, parameter: Parameter) -> _Foretold:
+    """What data may hide of a shape of a candidate, to first order."""
+    if math.isinf(parameter.absent):
+        low, high = 0.0, parameter.scale / parameter.low if parameter.low > 0.0 else math.inf
+    else:
+        low, high = sorted((bound - parameter.absent) / parameter.scale for bound in (parameter.low, parameter.high))
+    limit, S = _limit(fitted, candidate, sensed, low, high)
+    return _Foretold(candidate, sensed, parameter, low, high, limit, S, _absorbs(fitted, S))
+
+
+def _hidden(fitted: Fitted, sd: np.ndarray, one: _Foretold) -> Unseen:
+    """How much of an effect the data may hide, followed by refits where that is not as foretold."""
+    if one.limit is None or not _is_bent(fitted, one):
+        return _told(fitted, sd, one)
+    further = _follow(fitted, one)
+    return _told(fitted, sd, dataclasses.replace(one, limit=None) if further is None else one, further)
+
+
 def _limit(
     fitted: Fitted, candidate: Candidate, sensed: Sensed, low: float, high: float
-) -> tuple[float, np.ndarray] | None:
+) -> tuple[float | None, np.ndarray]:
     """The strength [scales] between its bounds that is as far from none as the data allow, and the change of the
     residuals there by each scale, (R + P,), to first order; None where the data do not see the effect, or not within
     its bounds."""
@@ -112,7 +140,7 @@ def _limit(
         left = fitted.project(S)
         size = float(left @ left)
         if size <= LEAST_SEEN**2 * float(S @ S) or inflation > size * max(abs(low), high) ** 2:
-            return None
+            return None, S
         best, sd = min(max(-float(left @ fitted.residuals) / size, low), high), math.sqrt(inflation / size)
         found = float(max(truncnorm.ppf(_tails(low), (low - best) / sd, (high - best) / sd, best, sd), key=abs))
         limit = found if math.isnan(limit) or found * limit <= 0.0 else math.copysign(math.sqrt(found * limit), found)
@@ -129,51 +157,48 @@ def _absorbs(fitted: Fitted, S: np.ndarray) -> np.ndarray:
     return -np.linalg.lstsq(fitted.jacobian / lengths, S)[0] / lengths
 
 
-def _held(fitted: Fitted, candidate: Candidate, sensed: Sensed, s: float) -> Likelihood:
-    """The likelihood of the model with a candidate of strength s [scales]."""
-    model = with_effects(fitted.experiment, {candidate.name: sensed.values(np.array([s]))}, ())
+def _held(fitted: Fitted, one: _Foretold, s: float) -> Likelihood:
+    """The likelihood of the model with an effect of strength s [scales]."""
+    model = with_effects(fitted.experiment, {one.candidate.name: one.sensed.values(np.array([s]))}, ())
     return Likelihood(model, fitted.likelihood.rows, 1)
 
 
-def _is_bent(
-    fitted: Fitted, candidate: Candidate, sensed: Sensed, s: float, S: np.ndarray, slope: np.ndarray
-) -> bool:  # fmt: skip
-    """Whether the readings at a strength, the unknowns moved by `slope` (D,) to where they make up for it to first
-    order, are others than they are to first order."""
-    point = np.clip(fitted.point + s * slope, *bounds(fitted.likelihood))
+def _is_bent(fitted: Fitted, one: _Foretold) -> bool:
+    """Whether the readings at the limit, the unknowns moved to where they make up for it to first order, are others
+    than they are to first order."""
+    assert one.limit is not None
+    point = np.clip(fitted.point + one.limit * one.slope, *bounds(fitted.likelihood))
+    foretold = fitted.residuals + one.limit * fitted.project(one.S)
     try:
-        off = _held(fitted, candidate, sensed, s).residuals(point) - fitted.residuals - s * fitted.project(S)
+        off = _held(fitted, one, one.limit).residuals(point) - foretold
     except (SimulationError, ValueError):  # the cradle cannot swing where first order leads
         return True
     return float(off @ off) > _BENT * fitted.coloured[0]
 
 
-def _follow(
-    fitted: Fitted, candidate: Candidate, sensed: Sensed, S: np.ndarray, slope: np.ndarray, low: float, high: float
-) -> tuple[float, np.ndarray] | None:  # fmt: skip
+def _follow(fitted: Fitted, one: _Foretold) -> tuple[float, np.ndarray] | None:
     """The strength [scales] between its bounds that is as far from none as the data allow, by the profile of χ², and
-    how far the point moves there, (D,), by `slope` (D,) to first order; None where the data hardly exclude what is
-    beyond its bounds."""
+    how far the point moves there, (D,); None where the data hardly exclude what is beyond its bounds."""
     inflation = fitted.coloured[0]
-    sd = math.sqrt(inflation) / float(np.linalg.norm(fitted.project(S)))
+    sd = math.sqrt(inflation) / float(np.linalg.norm(fitted.project(one.S)))
     visited = {0.0: (fitted.chi2, fitted.point)}
 
     def refit(s: float, start: np.ndarray) -> tuple[np.ndarray, float]:
-        held = _held(fitted, candidate, sensed, s)
+        held = _held(fitted, one, s)
         point, chi2 = refine(held, start, EVALUATIONS)
-        if math.isfinite(chi2) and not np.array_equal(moved := polish(held, point), point):
+        if math.isfinite(chi2) and not np.array_equal(moved := polish(held, point, _ROUGH_ROUNDS), point):
             point, chi2 = moved, cost(held, moved)
         if math.isfinite(chi2):
             visited[s] = chi2, point
         return point, math.sqrt((chi2 - min(chi2 for chi2, _ in visited.values())) / inflation)
 
-    for bound in (bound for bound in (low, high) if bound != 0.0):
+    for bound in (bound for bound in (one.low, one.high) if bound != 0.0):
         if fitted.chi2 - min(chi2 for chi2, _ in visited.values()) > _END**2 * inflation:
             continue  # beyond the end already: the other side holds better
         step = math.copysign(sd, bound)
         u, point = profile_end(
             lambda u, start, step=step: refit(u * step, start),
-            fitted.point, step * slope, abs(bound) / sd, _END,
+            fitted.point, step * one.slope, abs(bound) / sd, _END,
         )  # fmt: skip
         if u >= abs(bound) / sd and refit(bound, point)[1] < 1.0:
             return None
@@ -181,7 +206,7 @@ def _follow(
     chi2 = PchipInterpolator(several, [visited[s][0] for s in several])
     grid = np.linspace(several[0], several[-1], _GRID)
     density = np.exp(-0.5 * (chi2(grid) - chi2(grid).min()) / inflation)
-    limit = float(max(np.interp(_tails(low), np.cumsum(density) / density.sum(), grid), key=abs))
+    limit = float(max(np.interp(_tails(one.low), np.cumsum(density) / density.sum(), grid), key=abs))
     points = np.array([visited[s][1] for s in several])
     return limit, np.array([np.interp(limit, several, column) for column in points.T]) - fitted.point
 
