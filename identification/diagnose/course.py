@@ -8,7 +8,17 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from identification.diagnose.candidates import candidates
-from identification.diagnose.decide import ALPHA, CLOSE, Decision, beside, decide, from_anywhere, log_evidence
+from identification.diagnose.decide import (
+    ALPHA,
+    CLOSE,
+    Decision,
+    beside,
+    decide,
+    from_anywhere,
+    hidden,
+    log_evidence,
+    of_the_period,
+)
 from identification.diagnose.fitted import Fitted
 from identification.diagnose.locate import Located, locate, share
 from identification.diagnose.score import Scored, score
@@ -79,10 +89,26 @@ class Course:
         better = self.searcher.settled(fitted, self.tell)
         return self.examine(better) if better.chi2 < fitted.chi2 - fitted.unit else found
 
+    def look_elsewhere(self) -> None:
+        """Takes into a base model that leaves no more than noise what it hides by a wrong mode, if that leaves no more
+        than noise either."""
+        now = self.examined[-1]
+        known = of_the_period(now.fitted, self.searcher, self.tell)
+        decision = hidden(now.fitted, known, now.scored, self.searcher, self.tell)
+        chosen = decision.chosen
+        if chosen is None or self._in_a_better_mode(-1, chosen.fitted, _MODE * chosen.gain):
+            return
+        self._take(decision)
+        if self.examined[-1].significant:
+            self.back_to(now.fitted)
+            self.decisions.pop()
+
     def go_on(self) -> bool:
         """Takes the most probable effect into the model examined last; whether there was one."""
         now = self.examined[-1]
-        decision = decide(now.fitted, now.scored, self.searcher, self.tell, len(self.steps) < _FORETOLD)
+        known = of_the_period(now.fitted, self.searcher, self.tell) if len(self.examined) == 1 else {}
+        exhaust = len(self.steps) < _FORETOLD
+        decision = decide(now.fitted, now.scored, self.searcher, self.tell, exhaust, known)
         if decision.chosen is None and len(self.examined) == 1:
             decision = from_anywhere(now.fitted, decision, now.scored, self.searcher, self.tell)
         if decision.chosen is None:

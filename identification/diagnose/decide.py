@@ -8,20 +8,23 @@ must also predict (see `inner`).
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from types import MappingProxyType
 
 import numpy as np
 
+from cradle_env.effects.clock_scale import clock_scale
 from cradle_env.simulation import SimulationError
-from identification.diagnose.candidates import Candidate, is_strength, one_sided
+from identification.diagnose.candidates import Candidate, candidates, is_strength, one_sided
 from identification.diagnose.fitted import Fitted
 from identification.diagnose.inner import EQUAL, FAR, predictions
 from identification.diagnose.score import Scored, family_p, surprise_of
 from identification.diagnose.search import Searcher, only_noise
 from identification.diagnose.stand_in import standing_in
-from identification.fit import Progress
+from identification.fit import SEVERAL, Progress
 
 #: Chance, over all candidates, at which one is accepted.
 ALPHA = 0.01
@@ -58,11 +61,15 @@ class Decision:
     effective: float
 
 
-def decide(fitted: Fitted, scored: Scored, searcher: Searcher, tell: Progress, exhaust: bool = True) -> Decision:
-    """Refits the candidates worth it, and decides between them and none. Asked to exhaust them, near the noise it gives
-    up only when it has refitted the others too: first order foretells little of an effect that changes the order of
-    impacts."""
-    fits = refitted(fitted, worth_refitting(scored), scored, searcher, tell)
+def decide(
+    fitted: Fitted, scored: Scored, searcher: Searcher, tell: Progress, exhaust: bool = True,
+    known: Mapping[Candidate, Fitted] = MappingProxyType({}),
+) -> Decision:  # fmt: skip
+    """Refits the candidates worth it, and those of which fits are known, and decides between them and none. Asked to
+    exhaust them, near the noise it gives up only when it has refitted the others too: first order foretells little of
+    an effect that changes the order of impacts."""
+    tried = dict.fromkeys([*worth_refitting(scored), *known])
+    fits = refitted(fitted, list(tried), scored, searcher, tell)
     decision = _decision(fitted, fits, scored, searcher)
     if decision.chosen is not None or fitted.training_gap() > FAR or not exhaust:
         return decision
@@ -84,6 +91,31 @@ def beside(fitted: Fitted, scored: Scored, other: Fitted, searcher: Searcher, te
             except (SimulationError, ValueError):
                 continue
     return _decision(fitted, fits, scored, searcher, other)
+
+
+def of_the_period(fitted: Fitted, searcher: Searcher, tell: Progress) -> dict[Candidate, Fitted]:
+    """A fit, from anywhere, with what changes the period of all bobs alike; none of fewer than three bobs. κ sets the
+    period, too, and of many bobs it has so many modes that one far away may make up for the change and leave little
+    more than noise; from there first order foretells nothing of it."""
+    clock = next((c for c in candidates(fitted.cradle) if c.name == clock_scale.name), None)
+    if fitted.cradle.bobs < SEVERAL or clock is None or "kappa" not in fitted.likelihood.names:
+        return {}
+    tell("refit", 0.0, f"{clock.label} from anywhere")
+    try:
+        return {clock: searcher.anywhere(fitted, clock)}
+    except SimulationError:  # from these draws nowhere
+        return {}
+
+
+def hidden(
+    fitted: Fitted, known: dict[Candidate, Fitted], scored: Scored, searcher: Searcher, tell: Progress
+) -> Decision:  # fmt: skip
+    """What a model that leaves no more than noise may have hidden by a wrong mode: decides between known fits with a
+    candidate more, what looks the same, and none, which stands unless another is clearly more probable."""
+    decision = _decision(fitted, _alike(fitted, known, scored, searcher, tell), scored, searcher)
+    if decision.chosen is not None and decision.chosen.log_evidence <= CLOSE:
+        return dataclasses.replace(decision, chosen=None, probability=0.0)
+    return decision
 
 
 def from_anywhere(

@@ -54,6 +54,8 @@ def repair(
     tell("locate", 0.0, "where model and data part")
     course = Course(searcher, seed, estimated, tell)
     course.examined.append(course.settle(fitted))
+    if not course.examined[-1].significant:
+        course.look_elsewhere()
     while course.examined[-1].significant and len(course.steps) < _MOST_STEPS:
         if not course.go_on():
             break

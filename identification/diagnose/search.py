@@ -83,6 +83,10 @@ class Searcher:
 
         return self.best(Fitted(likelihood, self.store.point(key, find)))
 
+    def anywhere(self, fitted: Fitted, candidate: Candidate) -> Fitted:
+        """The best mode of a model with a candidate added, from anywhere."""
+        return self.globally(self._with(fitted, candidate).experiment)
+
     def settled(self, fitted: Fitted, tell: Progress | None = None) -> Fitted:
         """The best mode of a model again, with more effort: more searches from anywhere until one leaves no more than
         noise, for modes multiply with the bobs; then the modes about what is best by now, which may come from
