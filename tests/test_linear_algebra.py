@@ -4,7 +4,10 @@ import pytest
 from threadpoolctl import threadpool_info, threadpool_limits
 
 from identification import Experiment, calibrate, diagnose
+from identification.diagnose import intervals, unseen
 from identification.diagnose.design import design
+from identification.diagnose.fitted import with_known_noise
+from identification.diagnose.search import Searcher, Store
 from tests.independent.laboratory import record, write_experiment
 from tests.independent.soft_contact import SoftCradle
 
@@ -29,3 +32,15 @@ def test_linear_algebra_runs_on_one_thread_while_something_is_inferred(experimen
         with pytest.raises(InterruptedError):
             infer(experiment, progress=progress)
         assert threads() == {3}  # and does so no longer afterwards
+
+
+@pytest.mark.parametrize("module", [intervals, unseen])
+def test_so_it_does_while_a_report_is_made(experiment, module, monkeypatch):
+    def in_threads(*_):
+        assert threads() == {1}
+        raise InterruptedError
+
+    fitted = Searcher(Store(None, ""), 0, None).nearby(with_known_noise(experiment), {})
+    monkeypatch.setattr(module, "in_threads", in_threads)
+    with threadpool_limits(3, user_api="blas"), pytest.raises(InterruptedError):
+        getattr(module, module.__name__.rpartition(".")[2])(fitted, *([[]] if module is unseen else []))

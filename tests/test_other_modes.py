@@ -38,11 +38,18 @@ def test_a_clock_that_a_far_mode_of_kappa_hides_is_found(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("bobs", "effects", "names"), [(2, {}, ["kappa"]), (3, {}, ["b"]), (3, {"clock_scale": {"scale": 0.0}}, ["kappa"])]
-)
-def test_where_kappa_has_no_such_modes_none_is_looked_for(bobs, effects, names):
-    """With few bobs, where it is known, or where the clock is in the model."""
-    fitted = SimpleNamespace(cradle=Cradle(bobs=bobs, effects=effects), likelihood=SimpleNamespace(names=names))
+    ("bobs", "effects", "names", "gap"),
+    [
+        (2, {}, ["kappa"], 1.0),
+        (3, {}, ["b"], 1.0),
+        (3, {"clock_scale": {"scale": 0.0}}, ["kappa"], 1.0),
+        (3, {}, ["kappa"], 30.0),
+    ],
+)  # fmt: skip
+def test_where_kappa_has_no_such_modes_none_is_looked_for(bobs, effects, names, gap):
+    """With few bobs, where it is known, where the clock is in the model, or far above the noise."""
+    likelihood, cradle = SimpleNamespace(names=names), Cradle(bobs=bobs, effects=effects)
+    fitted = SimpleNamespace(cradle=cradle, likelihood=likelihood, training_gap=lambda: gap)
     searcher = SimpleNamespace(anywhere=lambda *_: pytest.fail("nothing is to be searched"))
     assert of_the_period(fitted, searcher, QUIET) == {}  # type: ignore[arg-type]
 
@@ -59,7 +66,7 @@ def test_noise_alone_is_doubted_only_with_good_reason(monkeypatch, evidence, tak
 
 @pytest.mark.parametrize("significant", [False, True])
 def test_what_leaves_more_than_noise_was_not_hidden(monkeypatch, significant):
-    base = SimpleNamespace(fitted="base", scored=None)
+    base = SimpleNamespace(fitted="base", scored=None, significant=False)
     so_far = Course(None, 0, (False,), QUIET, [base])  # type: ignore[arg-type,list-item]
     decision = Decision((), SimpleNamespace(fitted="clock", gain=50.0), 0.9, 1.0, 100.0)  # type: ignore[arg-type]
 
@@ -68,10 +75,12 @@ def test_what_leaves_more_than_noise_was_not_hidden(monkeypatch, significant):
         so_far.steps.append(SimpleNamespace(effect="clock_scale", decision=taken))  # type: ignore[arg-type]
         so_far.examined.append(SimpleNamespace(fitted="clock", significant=significant))  # type: ignore[arg-type]
 
+    moved = iter([True, False])  # the model itself has a slightly better mode: that does not end it
     monkeypatch.setattr(course, "of_the_period", lambda *_: {CLOCK: None})
     monkeypatch.setattr(course, "hidden", lambda *_: decision)
-    monkeypatch.setattr(so_far, "_in_a_better_mode", lambda *_: False)
+    monkeypatch.setattr(so_far, "_in_a_better_mode", lambda *_: next(moved))
     monkeypatch.setattr(so_far, "_take", take)
     so_far.look_elsewhere()
     counts = len(so_far.examined), len(so_far.decisions), len(so_far.steps)
-    assert counts == ((1, 0, 0) if significant else (2, 1, 1))
+    assert counts == ((1, 1, 0) if significant else (2, 1, 1))
+    assert (so_far.decisions[0].chosen is None) == significant

@@ -93,22 +93,27 @@ class Course:
         """Takes into a base model that leaves no more than noise what it hides by a wrong mode, if that leaves no more
         than noise either."""
         now = self.examined[-1]
-        known = of_the_period(now.fitted, self.searcher, self.tell)
+        known = {} if now.significant else of_the_period(now.fitted, self.searcher, self.tell)
+        if not known:
+            return
         decision = hidden(now.fitted, known, now.scored, self.searcher, self.tell)
         chosen = decision.chosen
-        if chosen is None or self._in_a_better_mode(-1, chosen.fitted, _MODE * chosen.gain):
-            return
-        self._take(decision)
-        if self.examined[-1].significant:
-            self.back_to(now.fitted)
-            self.decisions.pop()
+        if chosen is None:
+            self.decisions.append(decision)
+        elif self._in_a_better_mode(-1, chosen.fitted, _MODE * chosen.gain):
+            self.look_elsewhere()  # with the model as it then stands
+        else:
+            self._take(decision)
+            if self.examined[-1].significant:
+                self.back_to(now.fitted)
+                self.decisions[-1] = dataclasses.replace(decision, chosen=None, probability=0.0)
 
     def go_on(self) -> bool:
         """Takes the most probable effect into the model examined last; whether there was one."""
         now = self.examined[-1]
         known = of_the_period(now.fitted, self.searcher, self.tell) if len(self.examined) == 1 else {}
         exhaust = len(self.steps) < _FORETOLD
-        decision = decide(now.fitted, now.scored, self.searcher, self.tell, exhaust, known)
+        decision = decide(now.fitted, now.scored, self.searcher, self.tell, exhaust, tuple(known))
         if decision.chosen is None and len(self.examined) == 1:
             decision = from_anywhere(now.fitted, decision, now.scored, self.searcher, self.tell)
         if decision.chosen is None:

@@ -8,15 +8,17 @@ must also predict (see `inner`).
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from types import MappingProxyType
 
 import numpy as np
 
+from cradle_env.effects.added_mass import added_mass
 from cradle_env.effects.clock_scale import clock_scale
+from cradle_env.effects.length_mismatch import length_mismatch
 from cradle_env.simulation import SimulationError
 from identification.diagnose.candidates import Candidate, candidates, is_strength, one_sided
 from identification.diagnose.fitted import Fitted
@@ -33,6 +35,11 @@ CLOSE = 3.0
 #: How many of the candidates with parameters are refitted, and from which surprise on; the share of the best one's
 #: gain in χ² that others must come near to be fitted to the end, and the χ² within which of the best they always are.
 _REFITS, _WORTH, _NEAR, _ALWAYS = 8, 1.0, 0.3, 100.0
+
+
+#: What changes the period of all bobs alike, if those with a value for each are said with one.
+_PERIOD_OF_EACH = (length_mismatch.name,)
+_PERIOD = (clock_scale.name, added_mass.name, *_PERIOD_OF_EACH)
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,12 +70,12 @@ class Decision:
 
 def decide(
     fitted: Fitted, scored: Scored, searcher: Searcher, tell: Progress, exhaust: bool = True,
-    known: Mapping[Candidate, Fitted] = MappingProxyType({}),
+    also: Sequence[Candidate] = (),
 ) -> Decision:  # fmt: skip
-    """Refits the candidates worth it, and those of which fits are known, and decides between them and none. Asked to
+    """Refits the candidates worth it, and these others also, and decides between them and none. Asked to
     exhaust them, near the noise it gives up only when it has refitted the others too: first order foretells little of
     an effect that changes the order of impacts."""
-    tried = dict.fromkeys([*worth_refitting(scored), *known])
+    tried = dict.fromkeys([*worth_refitting(scored), *also])
     fits = refitted(fitted, list(tried), scored, searcher, tell)
     decision = _decision(fitted, fits, scored, searcher)
     if decision.chosen is not None or fitted.training_gap() > FAR or not exhaust:
@@ -94,17 +101,28 @@ def beside(fitted: Fitted, scored: Scored, other: Fitted, searcher: Searcher, te
 
 
 def of_the_period(fitted: Fitted, searcher: Searcher, tell: Progress) -> dict[Candidate, Fitted]:
-    """A fit, from anywhere, with what changes the period of all bobs alike; none of fewer than three bobs. κ sets the
-    period, too, and of many bobs it has so many modes that one far away may make up for the change and leave little
-    more than noise; from there first order foretells nothing of it."""
-    clock = next((c for c in candidates(fitted.cradle) if c.name == clock_scale.name), None)
-    if fitted.cradle.bobs < SEVERAL or clock is None or "kappa" not in fitted.likelihood.names:
+    """Near the noise, of three bobs and more: fits with what changes the period of all bobs alike, of which data can
+    hardly tell one from another; the first from anywhere, the others from there. κ sets the period, too, and of many
+    bobs it has so many modes that one far away may make up for the change and leave little more than noise; from there
+    first order foretells nothing of it."""
+    several = [c for c in candidates(fitted.cradle) if c.name in _PERIOD and c.alike == (c.name in _PERIOD_OF_EACH)]
+    several.sort(key=lambda candidate: _PERIOD.index(candidate.name))
+    modes = fitted.cradle.bobs >= SEVERAL and "kappa" in fitted.likelihood.names
+    if not modes or len(several) < len(_PERIOD) or fitted.training_gap() > FAR:
         return {}
-    tell("refit", 0.0, f"{clock.label} from anywhere")
+    tell("refit", 0.0, f"{several[0].label} from anywhere")
     try:
-        return {clock: searcher.anywhere(fitted, clock)}
+        fits = {several[0]: searcher.anywhere(fitted, several[0])}
     except SimulationError:  # from these draws nowhere
         return {}
+    first = fits[several[0]]
+    if fitted.chi2 - first.chi2 > 2.0 * CLOSE * fitted.unit:
+        for candidate in several[1:]:
+            with contextlib.suppress(SimulationError, ValueError):
+                fits[candidate] = searcher.adding_beside(
+                    fitted, candidate, first, standing_in(fitted, first, candidate)
+                )
+    return fits
 
 
 def hidden(

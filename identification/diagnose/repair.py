@@ -49,13 +49,13 @@ class Repaired:
 def repair(
     fitted: Fitted, searcher: Searcher, seed: int, estimated: tuple[bool, ...], tell: Progress
 ) -> Repaired:  # fmt: skip
-    """Adds the most probable effect as long as the model leaves more than noise and an effect helps; then tries what
-    was added for removal, and for exchange against what was nearly as good."""
+    """Adds the most probable effect as long as the model leaves more than noise and an effect helps, and what the base
+    model hides by a wrong mode; then tries what was added for removal, and for exchange against what was nearly as
+    good."""
     tell("locate", 0.0, "where model and data part")
     course = Course(searcher, seed, estimated, tell)
     course.examined.append(course.settle(fitted))
-    if not course.examined[-1].significant:
-        course.look_elsewhere()
+    course.look_elsewhere()
     while course.examined[-1].significant and len(course.steps) < _MOST_STEPS:
         if not course.go_on():
             break
@@ -113,7 +113,10 @@ def _outdoing(course: Course) -> Law | None:
     *before, last = course.examined
     if not course.steps or (len(before) == 1 and last.p > _SETTLED):
         return None
-    models = [m.fitted for m in before if last.p <= _SETTLED or can_outdo(m.fitted, last.fitted)]
+    models = [
+        m.fitted for m in before
+        if m.significant and (last.p <= _SETTLED or can_outdo(m.fitted, last.fitted))
+    ]  # fmt: skip
     found = (learn(model, course.searcher, course.tell, last.fitted) for model in models)
     laws = [law for law in found if law is not None]
     over = [advantage(law, last.fitted) for law in laws]
