@@ -9,15 +9,15 @@ from typing import ParamSpec, TypeVar
 
 from threadpoolctl import threadpool_limits
 
-P = ParamSpec("P")
-R = TypeVar("R")
+_P = ParamSpec("_P")
+_R = TypeVar("_R")
 
 
-def on_one_thread(function: Callable[P, R]) -> Callable[P, R]:
+def on_one_thread(function: Callable[_P, _R]) -> Callable[_P, _R]:
     """The function, during which BLAS, as far as it can be told to, uses one thread in the whole process."""
 
     @functools.wraps(function)
-    def limited(*args: P.args, **kwargs: P.kwargs) -> R:
+    def limited(*args: _P.args, **kwargs: _P.kwargs) -> _R:
         with threadpool_limits(1, user_api="blas"):
             return function(*args, **kwargs)
 

@@ -83,7 +83,7 @@ def test_a_law_that_holds_no_longer_than_it_was_fitted_is_none(monkeypatch, gap,
 )  # fmt: skip
 def test_which_of_several_laws_is_taken(monkeypatch, gap_alone, choices, taken):
     """Each of a gap, and of the χ² that it leaves of 5000 when fitted to the whole. 1200 readings are predicted, whose
-    noise passes a gap of 1.05 once in a hundred times. All are reached, and no more are fitted than need be."""
+    noise passes a gap of 1.05 once in a hundred times."""
 
     def fit(chi2, unknowns):
         def held_out_gap():

@@ -35,11 +35,8 @@ CLOSE = 3.0
 #: How many of the candidates with parameters are refitted, and from which surprise on; the share of the best one's
 #: gain in χ² that others must come near to be fitted to the end, and the χ² within which of the best they always are.
 _REFITS, _WORTH, _NEAR, _ALWAYS = 8, 1.0, 0.3, 100.0
-
-
-#: What changes the period of all bobs alike, if those with a value for each are said with one.
-_PERIOD_OF_EACH = (length_mismatch.name,)
-_PERIOD = (clock_scale.name, added_mass.name, *_PERIOD_OF_EACH)
+#: What changes the period of all bobs alike, if it has the same value for each.
+_PERIOD = (clock_scale.name, added_mass.name, length_mismatch.name)
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,9 +69,9 @@ def decide(
     fitted: Fitted, scored: Scored, searcher: Searcher, tell: Progress, exhaust: bool = True,
     also: Sequence[Candidate] = (),
 ) -> Decision:  # fmt: skip
-    """Refits the candidates worth it, and these others also, and decides between them and none. Asked to
-    exhaust them, near the noise it gives up only when it has refitted the others too: first order foretells little of
-    an effect that changes the order of impacts."""
+    """Refits the candidates worth it, and those given also, and decides between them and none. Asked to exhaust them,
+    near the noise it gives up only when it has refitted the others too: first order foretells little of an effect that
+    changes the order of impacts."""
     tried = dict.fromkeys([*worth_refitting(scored), *also])
     fits = refitted(fitted, list(tried), scored, searcher, tell)
     decision = _decision(fitted, fits, scored, searcher)
@@ -105,19 +102,19 @@ def of_the_period(fitted: Fitted, searcher: Searcher, tell: Progress) -> dict[Ca
     hardly tell one from another; the first from anywhere, the others from there. κ sets the period, too, and of many
     bobs it has so many modes that one far away may make up for the change and leave little more than noise; from there
     first order foretells nothing of it."""
-    several = [c for c in candidates(fitted.cradle) if c.name in _PERIOD and c.alike == (c.name in _PERIOD_OF_EACH)]
-    several.sort(key=lambda candidate: _PERIOD.index(candidate.name))
+    by_name = {c.name: c for c in reversed(candidates(fitted.cradle))}  # those with one value for all come first
     modes = fitted.cradle.bobs >= SEVERAL and "kappa" in fitted.likelihood.names
-    if not modes or len(several) < len(_PERIOD) or fitted.training_gap() > FAR:
+    if not modes or not by_name.keys() >= {*_PERIOD} or fitted.training_gap() > FAR:
         return {}
-    tell("refit", 0.0, f"{several[0].label} from anywhere")
+    clock, *others = (by_name[name] for name in _PERIOD)
+    tell("refit", 0.0, f"{clock.label} from anywhere")
     try:
-        fits = {several[0]: searcher.anywhere(fitted, several[0])}
+        first = searcher.anywhere(fitted, clock)
     except SimulationError:  # from these draws nowhere
         return {}
-    first = fits[several[0]]
+    fits = {clock: first}
     if fitted.chi2 - first.chi2 > 2.0 * CLOSE * fitted.unit:
-        for candidate in several[1:]:
+        for candidate in others:
             with contextlib.suppress(SimulationError, ValueError):
                 fits[candidate] = searcher.adding_beside(
                     fitted, candidate, first, standing_in(fitted, first, candidate)
