@@ -62,6 +62,13 @@ def learned(likelihood: Likelihood, mode: Mode) -> tuple[Likelihood, Mode]:
     return known, mode_at(known, point, known.whitened(J))
 
 
+def size(likelihood: Likelihood, point: np.ndarray, J: np.ndarray, covariance: np.ndarray) -> float:
+    """χ² by which readings jump on moves about a point as far as the truth may lie, in the mean; infinite where none is
+    possible."""
+    pairs = _unforeseen(likelihood, point, J, covariance, _DRAWN, 0)
+    return 0.5 * float(np.mean(np.sum(pairs**2, axis=0))) if pairs.size else math.inf
+
+
 def principal_axes(likelihood: Likelihood, covariance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Principal axes (D, D) of a covariance, in columns, a standard deviation long; and the part of each, (D,), that is
     no longer than from where on jumps are as large as anywhere: along what is hardly known, that is a small one."""

@@ -42,14 +42,20 @@ _TRIED, _CLIMBS, _FIRST, _LAST = 4, 5, 5, 40
 _RUNGS = (0.0003, 0.0007, 0.0015, 0.003, 0.006)
 
 
+def widest(likelihood: Likelihood) -> np.ndarray:
+    """Steps of the unknowns, (D,), at which the search for such as fit begins."""
+    return _WIDEST * steps(likelihood)
+
+
 def broad_jacobian(
     likelihood: Likelihood, point: np.ndarray, residuals: np.ndarray, widths: np.ndarray | None = None
 ) -> np.ndarray:
     """Derivatives of the residuals (R, D), by differences to both sides as wide as the readings tell them apart well:
     first in each unknown alone, then along the principal directions that those show. residuals: those at the point,
-    (R,); widths: steps (D,) at which the search for such begins, and where those found are left."""
+    (R,); widths: steps (D,) at which the search for such begins, `widest` unless told, and where those found are left.
+    """
     length, sigma = len(residuals), math.sqrt(unit(float(np.sum(residuals**2)), len(residuals)))
-    widths = _WIDEST * steps(likelihood) if widths is None else widths
+    widths = widest(likelihood) if widths is None else widths
     first = np.array(in_threads(
         lambda i: _column(likelihood, point, i, length, sigma, widths), list(range(len(point))), likelihood.workers
     )).T  # fmt: skip
@@ -94,14 +100,15 @@ def _between(likelihood: Likelihood, point: np.ndarray, step: np.ndarray, length
 
 
 def polish(
-    likelihood: Likelihood, point: np.ndarray, rounds: int = ROUNDS, thorough: bool = False
+    likelihood: Likelihood, point: np.ndarray, rounds: int = ROUNDS, thorough: bool = False,
+    widths: np.ndarray | None = None,
 ) -> np.ndarray:  # fmt: skip
     """Where steps by the broad derivatives lead from a point, on and on while χ² falls; (D,). Far above the noise,
     where jumps are the least of what a model lacks, while it falls fast, and not at all with fewer than three bobs,
-    unless asked to be thorough."""
+    unless asked to be thorough. widths: see `broad_jacobian`."""
     if likelihood.experiment.cradle.bobs < SEVERAL and not thorough:
         return point
-    widths, last = _WIDEST * steps(likelihood), math.inf
+    widths, last = widest(likelihood) if widths is None else widths.copy(), math.inf
     for _ in range(rounds):
         residuals = likelihood.residuals(point)
         least = float(np.sum(residuals**2))

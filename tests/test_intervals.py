@@ -13,6 +13,7 @@ from identification.diagnose import intervals as module
 from identification.diagnose.candidates import with_effects
 from identification.diagnose.fitted import with_known_noise
 from identification.diagnose.intervals import intervals
+from identification.diagnose.profile import profile_end
 from identification.diagnose.search import Searcher, Store
 from identification.experiment import Experiment
 from identification.unknowns import Unknown
@@ -55,6 +56,19 @@ def test_a_profile_follows_a_bent_ridge(side, true):
 
 def test_a_bound_ends_a_profile():
     assert end(1.0, high=3.0) == pytest.approx(3.0, abs=1e-6)
+
+
+def test_a_profile_ends_at_a_cliff():
+    """Where readings jump, so does the rise: from below what is near the end to far above it, at 3.01."""
+    asked = []
+
+    def refit(u, start):
+        asked.append(u)
+        return start, 0.84 * u if u < 3.01 else 7.0
+
+    u, _ = profile_end(refit, np.zeros(1), np.ones(1), 1e3, 3.0)
+    assert u == pytest.approx(3.01, rel=0.02)
+    assert len(asked) < 8  # each of many simulations
 
 
 def test_where_the_posterior_is_normal_a_profile_says_what_laplace_does(tmp_path):

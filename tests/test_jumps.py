@@ -9,7 +9,7 @@ import pytest
 from cradle_env.simulation import SimulationError
 from identification.experiment import Experiment
 from identification.fit import jacobian, mode_at
-from identification.jumps import learned, widened
+from identification.jumps import learned, size, widened
 from identification.likelihood import Likelihood
 from identification.unknowns import Unknown
 from tests.independent.laboratory import record, write_experiment
@@ -60,6 +60,17 @@ def test_a_jump_widens_by_what_it_does_to_a_fit():
     # Of 16 pairs, 8 ± 2 differ: within 3 sd, a factor of 4.
     ratio = np.diag(found) / (2.0 * moved**2)
     assert np.all((ratio > 0.25) & (ratio < 1.75)), ratio
+
+
+@pytest.mark.parametrize(
+    ("told", "least", "most"),
+    # Of 16 pairs, 8 ± 2 differ by two jumps, the others by none.
+    [({}, 0.0, 1e-9), ({"jump": 3.0}, 0.25, 1.75), ({"possible": -1.0}, math.inf, math.inf)],
+)
+def test_how_far_readings_jump(told, least, most):
+    """By nothing where they are smooth; by no end where no pair is possible."""
+    found = size(Residuals(**told), np.array([0.3, 0.1]), A, COVARIANCE)
+    assert least <= found / float(9.0 * D @ D) <= most
 
 
 def test_unknown_noise_of_several_runs_widens_nothing(tmp_path):

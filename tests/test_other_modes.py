@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from cradle_env import Cradle
-from identification.diagnose import course, decide, repair
+from identification.diagnose import course, decide, repair, search
 from identification.diagnose.candidates import Candidate
 from identification.diagnose.course import Course
 from identification.diagnose.decide import CLOSE, Decision, hidden, of_the_period
@@ -35,6 +35,30 @@ def test_a_clock_that_a_far_mode_of_kappa_hides_is_found(tmp_path):
     sd = dict(zip(found.likelihood.names, np.sqrt(np.diag(found.covariance)), strict=True))
     assert abs(np.log(found.values["kappa"] / true)) < 4.0 * sd["kappa"]
     assert abs(found.values["clock_scale.scale"] - scale) < 4.0 * sd["clock_scale.scale"]
+
+
+@pytest.mark.parametrize(
+    ("reached", "searches"),
+    [
+        ([93.0, 100.0, 7.0, 0.0], 3),
+        ([93.0, 93.5, 7.0, 0.0], 1),
+        ([0.0, 93.0, 0.5, -50.0], 2),
+        ([5.0, 8.0, 1.0, 3.0], 3),
+    ],
+)
+def test_a_mode_is_looked_for_until_two_searches_agree(monkeypatch, reached, searches):
+    """reached: χ² of searches from anywhere, the first known already. One that comes below the best and one far above
+    it say alike that a mode may have been missed."""
+    several = [SimpleNamespace(chi2=c, unit=1.0, experiment=None, likelihood=None, point=np.zeros(1)) for c in reached]
+    seen = []
+    monkeypatch.setattr(Searcher, "_search", lambda self, experiment, tell, attempt: several[attempt])
+    monkeypatch.setattr(Searcher, "best", lambda self, fit: seen.append(fit) or min(seen, key=lambda one: one.chi2))
+    monkeypatch.setattr(search, "fit_key", lambda *_: "key")
+    monkeypatch.setattr(search, "among_modes", lambda likelihood, point: point)
+    monkeypatch.setattr(search, "Fitted", lambda likelihood, point: seen[0])
+    found = Searcher(Store(None, ""), 0, None).settled(several[0])
+    assert found.chi2 == min(reached[: 1 + searches])
+    assert seen[1 : 1 + searches] == several[1 : 1 + searches] and len(seen) == 2 + searches  # the last is settled
 
 
 @pytest.mark.parametrize(

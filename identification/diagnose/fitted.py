@@ -17,7 +17,7 @@ from identification.foretold import allowed_gap
 from identification.jumps import widened
 from identification.likelihood import Likelihood, rms
 from identification.noise import estimated_noise, inflation, noise_of
-from identification.rough import broad_jacobian
+from identification.rough import broad_jacobian, widest
 
 #: Directions that the readings hold less than this share of, of the best known one, count as not seen at all.
 _RANK = 1e-9
@@ -107,7 +107,17 @@ class Fitted:
     @functools.cached_property
     def jacobian(self) -> np.ndarray:
         """Derivatives of the residuals with respect to the sampled coordinates, (R + P, D)."""
-        return broad_jacobian(self.likelihood, self.point, self.residuals)
+        return self._derivatives[0]
+
+    @property
+    def widths(self) -> np.ndarray:
+        """The steps by which they were found, (D,)."""
+        return self._derivatives[1]
+
+    @functools.cached_property
+    def _derivatives(self) -> tuple[np.ndarray, np.ndarray]:
+        widths = widest(self.likelihood)
+        return broad_jacobian(self.likelihood, self.point, self.residuals, widths), widths
 
     @functools.cached_property
     def absorbed(self) -> np.ndarray:
@@ -144,8 +154,12 @@ class Fitted:
     def covariance(self) -> np.ndarray:
         """Laplace covariance of the point, inflated for residuals that are not white and widened by jumps of the
         readings, which are no larger for what else a model leaves; (D, D)."""
-        smooth = mode_at(self.likelihood, self.point, self.jacobian).covariance
-        return widened(self.likelihood, self.point, self.jacobian, smooth, self.coloured[0])
+        return widened(self.likelihood, self.point, self.jacobian, self.smooth, self.coloured[0])
+
+    @functools.cached_property
+    def smooth(self) -> np.ndarray:
+        """Laplace covariance of the point as of white noise and readings that do not jump, (D, D)."""
+        return mode_at(self.likelihood, self.point, self.jacobian).covariance
 
     def gap(self, rows: list[np.ndarray]) -> float:
         """RMS over the noise of model less data in rows (T,) of each run; nan where there are none."""

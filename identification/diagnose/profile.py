@@ -8,8 +8,8 @@ import numpy as np
 
 #: Evaluations of each refit: from where the last two point to, few are enough.
 EVALUATIONS = 20
-#: How near to it, relatively, a profile must come for its end to be read off; how much shorter a stride that went too
-#: far becomes; refits at most on the way to an end.
+#: How near to it, relatively, a profile must come for its end to be read off, or two strengths with the end between
+#: them to each other; how much shorter a stride that went too far becomes; refits at most on the way to an end.
 _NEAR, _SHORTER, _MARCH = 0.15, (0.1, 0.7), 24
 
 
@@ -33,7 +33,8 @@ def profile_end(
         there = furthest if last else at + stride
         stride = there - at
         found, reached = refit(there, point + stride * ahead)
-        if abs(reached - end) < _NEAR * end and reached > risen:
+        near = abs(reached - end) < _NEAR * end or (reached > end and stride < _NEAR * there)
+        if near and reached > risen:
             share = (end - risen) / (reached - risen)
             share = min(share, (furthest - at) / stride)
             return at + share * stride, point + share * (found - point)

@@ -27,8 +27,8 @@ _FACTORS = (0.01, 0.1, 1.0, 3.0)
 #: How many starts are followed, by how many evaluations; how many of them to the end, by how many at most; and rounds
 #: over a rough misfit before a model is given up.
 _FOLLOWED, _FIRST, _KEPT, _LAST, _FEW = 3, 6, 2, 40, 2
-#: Searches from anywhere at most to make sure of a mode, and standard deviations of χ² that noise alone may leave.
-_ATTEMPTS, _NOISE = 3, 1.0
+#: Searches from anywhere at most until two agree on a mode, and standard deviations of χ² that noise alone may leave.
+_ATTEMPTS, _NOISE = 4, 1.0
 
 
 class Store:
@@ -73,31 +73,37 @@ class Searcher:
         self.store, self.seed, self.workers = store, seed, workers
         self._best: dict[str, Fitted] = {}
 
-    def globally(self, experiment: Experiment, tell: Progress | None = None, attempt: int = 0) -> Fitted:
-        """The best mode of a model, from anywhere; each attempt draws other starts."""
+    def globally(self, experiment: Experiment, tell: Progress | None = None) -> Fitted:
+        """The best mode of a model, from anywhere."""
+        return self.best(self._search(experiment, tell))
+
+    def _search(self, experiment: Experiment, tell: Progress | None, attempt: int = 0) -> Fitted:
+        """A mode of a model, from anywhere; each attempt draws other starts."""
         likelihood, seed = self.likelihood(experiment), self.seed + attempt
         key = fit_key("globally", experiment, seed)
 
         def find() -> np.ndarray:
             return among_modes(likelihood, polish(likelihood, find_mode(likelihood, seed, tell).point))
 
-        return self.best(Fitted(likelihood, self.store.point(key, find)))
+        return Fitted(likelihood, self.store.point(key, find))
 
     def anywhere(self, fitted: Fitted, candidate: Candidate) -> Fitted:
         """The best mode of a model with a candidate added, from anywhere."""
         return self.globally(self._with(fitted, candidate).experiment)
 
     def settled(self, fitted: Fitted, tell: Progress | None = None) -> Fitted:
-        """The best mode of a model again, with more effort: more searches from anywhere until one leaves no more than
-        noise, for modes multiply with the bobs; then the modes about what is best by now, which may come from
-        elsewhere."""
+        """The best mode of a model again, with more effort: searches from anywhere until one comes to the same χ² as
+        the best so far, for modes multiply with the bobs; then the modes about what is best by now, which may come
+        from elsewhere."""
         best = self.best(fitted)
-        for attempt in range(1, 1 + min(fitted.cradle.bobs, _ATTEMPTS)):
+        for attempt in range(1, _ATTEMPTS):
             try:
-                best = self.globally(fitted.experiment, tell, attempt)
+                found = self._search(fitted.experiment, tell, attempt)
             except SimulationError:  # from these draws nowhere
                 continue
-            if only_noise(best):
+            agreed = abs(found.chi2 - best.chi2) < best.unit
+            best = self.best(found)
+            if agreed:
                 break
         key = fit_key("settled", best.experiment, best.point.tolist())
         point = self.store.point(key, lambda: among_modes(best.likelihood, best.point))

@@ -19,23 +19,24 @@ from scipy.stats import truncnorm
 
 from cradle_env.effects import Parameter
 from cradle_env.simulation import SimulationError, in_threads
+from identification import jumps
 from identification.diagnose.candidates import Candidate, is_strength, strength, with_effects
 from identification.diagnose.fitted import Fitted
 from identification.diagnose.profile import EVALUATIONS, profile_end
 from identification.diagnose.score import LEAST_SEEN, Score, Sensed, change
-from identification.fit import bounds, cost, refine
+from identification.fit import SEVERAL, bounds, cost, refine
 from identification.likelihood import Likelihood
 from identification.linear_algebra import on_one_thread
 from identification.rough import lengths_of, polish
 
 #: Probability that the true strength is below its limit; rounds in which that is found.
 _SURE, _ROUNDS = 0.95, 4
-#: χ² over the inflation by which readings at a limit may differ from what they are to first order.
+#: χ² over the inflation by which readings at a limit may differ from what they are to first order, or jump about it.
 _BENT = 0.5
 #: Profiles: standard deviations up to which they are followed, strengths at which their probability is summed.
 _END, _GRID = 3.0, 2001
 #: Rounds over a rough misfit of each refit: from strength to strength the next goes on where the last one came to.
-_ROUGH_ROUNDS = 2
+_ROUGH_ROUNDS = 1
 
 
 @dataclass(frozen=True)
@@ -163,17 +164,35 @@ def _held(fitted: Fitted, one: _Foretold, s: float) -> Likelihood:
     return Likelihood(model, fitted.likelihood.rows, 1)
 
 
+def _at_limit(fitted: Fitted, one: _Foretold) -> tuple[Likelihood, np.ndarray]:
+    """The likelihood at the limit, and where the unknowns make up for that to first order, (D,)."""
+    assert one.limit is not None
+    point = np.clip(fitted.point + one.limit * one.slope, *bounds(fitted.likelihood))
+    return _held(fitted, one, one.limit), point
+
+
 def _is_bent(fitted: Fitted, one: _Foretold) -> bool:
     """Whether the readings at the limit, the unknowns moved to where they make up for it to first order, are others
     than they are to first order."""
     assert one.limit is not None
-    point = np.clip(fitted.point + one.limit * one.slope, *bounds(fitted.likelihood))
     foretold = fitted.residuals + one.limit * fitted.project(one.S)
     try:
-        off = _held(fitted, one, one.limit).residuals(point) - foretold
+        held, point = _at_limit(fitted, one)
+        off = held.residuals(point) - foretold
     except (SimulationError, ValueError):  # the cradle cannot swing where first order leads
         return True
     return float(off @ off) > _BENT * fitted.coloured[0]
+
+
+def _jumps(fitted: Fitted, one: _Foretold) -> bool:
+    """Whether readings jump about the limit: of three bobs and more alone."""
+    if fitted.cradle.bobs < SEVERAL:
+        return False
+    try:
+        held, point = _at_limit(fitted, one)
+    except (SimulationError, ValueError):
+        return True
+    return jumps.size(held, point, fitted.jacobian, fitted.smooth) > _BENT * fitted.coloured[0]
 
 
 def _follow(fitted: Fitted, one: _Foretold) -> tuple[float, np.ndarray] | None:
@@ -182,13 +201,15 @@ def _follow(fitted: Fitted, one: _Foretold) -> tuple[float, np.ndarray] | None:
     inflation = fitted.coloured[0]
     sd = math.sqrt(inflation) / float(np.linalg.norm(fitted.project(one.S)))
     visited = {0.0: (fitted.chi2, fitted.point)}
+    rounds = _ROUGH_ROUNDS if _jumps(fitted, one) else 0
 
     def refit(s: float, start: np.ndarray) -> tuple[np.ndarray, float]:
         held = _held(fitted, one, s)
         point, chi2 = refine(held, start, EVALUATIONS)
-        if math.isfinite(chi2) and not np.array_equal(moved := polish(held, point, _ROUGH_ROUNDS), point):
-            point, chi2 = moved, cost(held, moved)
         if math.isfinite(chi2):
+            polished = polish(held, point, rounds, widths=fitted.widths)
+            if not np.array_equal(polished, point):
+                point, chi2 = polished, cost(held, polished)
             visited[s] = chi2, point
         return point, math.sqrt((chi2 - min(chi2 for chi2, _ in visited.values())) / inflation)
 
