@@ -23,6 +23,10 @@ _EARLY_PERIODS = 8.0
 _FREE_PERIODS, _GOING_ON = (2.0, 4.0), (10, 5)
 #: Relative steps of κ at which its shallow modes, 1–2 % apart, are looked for around the best point.
 _LADDER = (-0.06, -0.045, -0.03, -0.02, -0.01, 0.01, 0.02, 0.03, 0.045, 0.06)
+#: Relative steps of κ at which modes are looked for that lie nearer, as those of many bobs do, how many of them are
+#: followed, and how often; evaluations on the way, and of the best of them.
+_RUNGS = (0.0003, 0.0007, 0.0015, 0.003, 0.006)
+_TRIED, _CLIMBS, _WAY, _END = 4, 5, 5, 40
 #: The residual [sigma] of every reading at an impossible point.
 _IMPOSSIBLE = 1e4
 #: Gain in χ², over what a reading leaves, at which least squares ends.
@@ -72,8 +76,13 @@ def find_mode(likelihood: Likelihood, seed: int = 0, progress: Progress | None =
             refined.append(refine(early, point, 15))
         refined.sort(key=lambda pair: pair[1])
         chosen = [point for point, _ in refined[:going_on]]
+    chosen = _distinct(likelihood, refined)[:_FINISHED]
+    several = "kappa" in likelihood.names and likelihood.experiment.cradle.bobs >= SEVERAL
+    if several and refined[0][1] > stages[-1].parts()[-1].stop:  # not clearly the right one
+        tell("search", done / parts, "neighbouring modes of κ on the early data")
+        chosen = [climb(stages[-1], point) for point in chosen]
     finished = []
-    for k, point in enumerate(_distinct(likelihood, refined)[:_FINISHED]):
+    for k, point in enumerate(chosen):
         tell("search", (done + k + 1) / parts, "refining on all data")
         finished.append(refine(likelihood, point, 20))
     point, least = min(finished, key=lambda pair: pair[1])
@@ -140,6 +149,20 @@ def _climb_ladder(likelihood: Likelihood, point: np.ndarray, least: float) -> tu
         if best_cost >= least - 1e-3 * abs(least):
             return (best, best_cost) if best_cost < least else (point, least)
         point, least = best, best_cost
+
+
+def climb(likelihood: Likelihood, point: np.ndarray) -> np.ndarray:
+    """The best mode that fine steps of κ lead to, on and on; (D,)."""
+    so_far, readings = cost(likelihood, point), likelihood.parts()[-1].stop
+    for _ in range(_CLIMBS if math.isfinite(so_far) else 0):
+        rungs = best_rungs(likelihood, point, (*_RUNGS, *(-rung for rung in _RUNGS)), _TRIED)
+        reached = [refine(likelihood, rung, _WAY) for rung in rungs]
+        best, least = min(reached, key=lambda pair: pair[1])
+        best, least = refine(likelihood, best, _END)
+        if least > so_far - unit(so_far, readings):
+            break
+        point, so_far = best, least
+    return point
 
 
 def refit(likelihood: Likelihood, point: np.ndarray) -> np.ndarray:

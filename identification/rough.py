@@ -14,7 +14,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from cradle_env.simulation import in_threads
-from identification.fit import SEVERAL, best_rungs, bounds, cost, refine, safe_residuals, steps, unit
+from identification.fit import SEVERAL, bounds, climb, cost, safe_residuals, steps, unit
 from identification.likelihood import Likelihood
 
 #: How far apart, in noises over all readings (or in what a reading leaves, where that is more), the ends of a
@@ -35,11 +35,6 @@ _ROUGH, _SCATTERED, _FARTHEST, _MISSES = 10.0, 48, 100.0, 4
 FAR, _FAST = 4.0, 0.1
 #: What the readings say of a principal direction, of all they could, below which it counts as not seen.
 _SEEN = 1e-9
-
-#: Relative steps of κ about the best at which neighbouring modes are looked for, how many of them are followed, and
-#: how often; evaluations on the way, and of the best of them.
-_TRIED, _CLIMBS, _FIRST, _LAST = 4, 5, 5, 40
-_RUNGS = (0.0003, 0.0007, 0.0015, 0.003, 0.006)
 
 
 def widest(likelihood: Likelihood) -> np.ndarray:
@@ -141,21 +136,6 @@ def among_modes(likelihood: Likelihood, point: np.ndarray) -> np.ndarray:
         return point
     best = climb(likelihood, point)
     return point if np.array_equal(best, point) else polish(likelihood, best)
-
-
-def climb(likelihood: Likelihood, point: np.ndarray) -> np.ndarray:
-    """The best mode that fine steps of κ lead to, on and on; (D,)."""
-    residuals = likelihood.residuals(point)
-    so_far = float(np.sum(residuals**2))
-    for _ in range(_CLIMBS):
-        rungs = best_rungs(likelihood, point, (*_RUNGS, *(-rung for rung in _RUNGS)), _TRIED)
-        reached = [refine(likelihood, rung, _FIRST) for rung in rungs]
-        best, least = min(reached, key=lambda pair: pair[1])
-        best, least = refine(likelihood, best, _LAST)
-        if least > so_far - unit(so_far, len(residuals)):
-            break
-        point, so_far = best, least
-    return point
 
 
 def nearest(

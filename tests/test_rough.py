@@ -11,10 +11,11 @@ from identification.diagnose.candidates import with_effects
 from identification.diagnose.fitted import with_known_noise
 from identification.diagnose.search import Searcher, Store, placed
 from identification.experiment import Experiment
-from identification.fit import cost, refine
+from identification.fit import cost, find_mode, refine
 from identification.rough import broad_jacobian, polish
 from tests.independent.laboratory import record, write_experiment
 from tests.independent.soft_contact import SoftCradle
+from tests.study import Apparatus, cases
 from tests.synthetic import early_case, nothing_hidden
 
 NAMES = ("k_f", "kappa", "b", "pivot_friction.tau_c", "release_angle_error@1")
@@ -92,15 +93,28 @@ def test_the_mode_in_kappa_is_the_best_of_its_neighbours(tmp_path):
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("seed", range(3))
+def test_the_early_data_lead_to_the_right_mode_in_kappa(tmp_path, seed):
+    """Five bobs, 1 mrad, drag as v² that b makes up for: already the first eight periods have modes 0.3 % apart. From
+    what draws lead to there, the search ended 0.3 % off for each of these seeds; from the best of their neighbours at
+    0.1 % or nearer."""
+    apparatus = Apparatus(next(case for case in cases([42]) if case.name == "42-quadratic_drag"))
+    path = apparatus.write(tmp_path, apparatus.record([4.316e-4], True))
+    likelihood = Searcher(Store(None, ""), 0, None).likelihood(with_known_noise(Experiment.load(path)))
+    mode = find_mode(likelihood, seed)
+    assert likelihood.values(mode.point)["kappa"] == pytest.approx(apparatus.truth["kappa"], rel=1.5e-3)
+
+
+@pytest.mark.slow
 def test_random_steps_lead_where_derivatives_do_not(tmp_path, monkeypatch):
     """Of the study's cases with nothing hidden, the one whose readings jump most: 1,100 above its noise at the truth,
-    for the order of impacts there is another one. By derivatives alone descent ends at 9245 to 9512 from eight starts
-    about the truth, by random steps too at 8976 to 9343, from these two 418 and 536 lower."""
+    for the order of impacts there is another one. Where single descents end there hangs on rounding, so that six are
+    judged: in all 730 lower."""
     apparatus = early_case("10-nothing-1")
     experiment = with_known_noise(Experiment.load(apparatus.write(tmp_path, apparatus.record([], True))))
     likelihood = Searcher(Store(None, ""), 0, None).likelihood(experiment)
     truth, away = placed(likelihood, apparatus.truth), np.array([1e-3, 1e-4, 5e-3, 1e-4])
-    drawn = [(1 + k) * away * np.random.default_rng(k).standard_normal(4) for k in (1, 4)]
+    drawn = [(1 + k) * away * np.random.default_rng(k).standard_normal(4) for k in range(6)]
     starts = [refine(likelihood, truth + step, 40)[0] for step in drawn]
     reached = [cost(likelihood, polish(likelihood, start)) for start in starts]
     monkeypatch.setattr(rough, "_MISSES", 0)

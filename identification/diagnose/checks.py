@@ -71,10 +71,7 @@ def _check_amount(experiment: Experiment) -> None:
         int((~np.isnan(run.readings[inside])).sum()) for run, inside in zip(experiment.runs, rows, strict=True)
     )
     if readings < _FEWEST * unknowns:
-        raise ValueError(
-            f"{readings} readings to fit are too few for a diagnosis of {unknowns} unknowns;"
-            f" give {_FEWEST * unknowns} or more"
-        )
+        raise ValueError(f"{readings} readings to fit are too few for a diagnosis; give {_FEWEST * unknowns} or more")
     for run, inside in zip(experiment.runs, rows, strict=True):
         times, period = run.times[inside], experiment.cradle.period
         if not len(times):
