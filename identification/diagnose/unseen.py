@@ -124,9 +124,9 @@ def _foretold(fitted: Fitted, candidate: Candidate, sensed: Sensed, parameter: P
 
 def _hidden(fitted: Fitted, sd: np.ndarray, one: _Foretold) -> Unseen:
     """How much of an effect the data may hide, followed by refits where that is not as foretold."""
-    if one.limit is None or not _is_bent(fitted, one):
+    if one.limit is None or (rounds := _rounds(fitted, one, one.limit)) is None:
         return _told(fitted, sd, one)
-    further = _follow(fitted, one)
+    further = _follow(fitted, one, rounds)
     return _told(fitted, sd, dataclasses.replace(one, limit=None) if further is None else one, further)
 
 
@@ -164,44 +164,30 @@ def _held(fitted: Fitted, one: _Foretold, s: float) -> Likelihood:
     return Likelihood(model, fitted.likelihood.rows, 1)
 
 
-def _at_limit(fitted: Fitted, one: _Foretold) -> tuple[Likelihood, np.ndarray]:
-    """The likelihood at the limit, and where the unknowns make up for that to first order, (D,)."""
-    assert one.limit is not None
-    point = np.clip(fitted.point + one.limit * one.slope, *bounds(fitted.likelihood))
-    return _held(fitted, one, one.limit), point
-
-
-def _is_bent(fitted: Fitted, one: _Foretold) -> bool:
-    """Whether the readings at the limit, the unknowns moved to where they make up for it to first order, are others
-    than they are to first order."""
-    assert one.limit is not None
-    foretold = fitted.residuals + one.limit * fitted.project(one.S)
+def _rounds(fitted: Fitted, one: _Foretold, limit: float) -> int | None:
+    """Rounds over a rough misfit of each refit that follows an effect to its limit: some where readings jump there, of
+    three bobs and more alone. None where none is needed, for the readings there, the unknowns moved to where they make
+    up for it to first order, are what they are to first order."""
+    several, most = fitted.cradle.bobs >= SEVERAL, _BENT * fitted.coloured[0]
     try:
-        held, point = _at_limit(fitted, one)
-        off = held.residuals(point) - foretold
+        held = _held(fitted, one, limit)
+        point = np.clip(fitted.point + limit * one.slope, *bounds(held))
+        off = held.residuals(point) - (fitted.residuals + limit * fitted.project(one.S))
     except (SimulationError, ValueError):  # the cradle cannot swing where first order leads
-        return True
-    return float(off @ off) > _BENT * fitted.coloured[0]
+        return _ROUGH_ROUNDS if several else 0
+    if float(off @ off) <= most:
+        return None
+    jump = several and jumps.size(held, point, fitted.jacobian, fitted.smooth) > most
+    return _ROUGH_ROUNDS if jump else 0
 
 
-def _jumps(fitted: Fitted, one: _Foretold) -> bool:
-    """Whether readings jump about the limit: of three bobs and more alone."""
-    if fitted.cradle.bobs < SEVERAL:
-        return False
-    try:
-        held, point = _at_limit(fitted, one)
-    except (SimulationError, ValueError):
-        return True
-    return jumps.size(held, point, fitted.jacobian, fitted.smooth) > _BENT * fitted.coloured[0]
-
-
-def _follow(fitted: Fitted, one: _Foretold) -> tuple[float, np.ndarray] | None:
+def _follow(fitted: Fitted, one: _Foretold, rounds: int) -> tuple[float, np.ndarray] | None:
     """The strength [scales] between its bounds that is as far from none as the data allow, by the profile of χ², and
-    how far the point moves there, (D,); None where the data hardly exclude what is beyond its bounds."""
+    how far the point moves there, (D,); None where the data hardly exclude what is beyond its bounds. rounds: over a
+    rough misfit, of each refit."""
     inflation = fitted.coloured[0]
     sd = math.sqrt(inflation) / float(np.linalg.norm(fitted.project(one.S)))
     visited = {0.0: (fitted.chi2, fitted.point)}
-    rounds = _ROUGH_ROUNDS if _jumps(fitted, one) else 0
 
     def refit(s: float, start: np.ndarray) -> tuple[np.ndarray, float]:
         held = _held(fitted, one, s)
