@@ -329,31 +329,38 @@ class Oracle:
         return float(np.sum(right.residuals[: right.count] ** 2))
 
     def _refit_right(self, strengths: tuple[float, ...], exact: bool = False):
-        """The right model, refitted from the truth."""
-        from cradle_env.effects import effect
-        from identification.diagnose.candidates import with_effects
-
-        truth = {
-            name: {p.key: np.clip(values[p.key], p.low, p.high).tolist() for p in effect(name).parameters}
-            for name, values in self.apparatus.effects([*strengths]).items()
-        }
         searcher, base = self._true(self._record([*strengths], exact))
-        return searcher.nearby(with_effects(base.experiment, truth), base.values)
+        return refitted_right(self.apparatus, [*strengths], searcher, base)
 
     def _record(self, strengths: list[float], exact: bool = False) -> Recording:
         """As the experiment's, at fewer frames that tell as much: for the cost of it."""
         return self.apparatus.record(strengths, False, _ORACLE_RATE, exact)
 
     def _true(self, recording: Recording):
-        """A search over a recording, and the base model at the true values."""
-        from identification.diagnose.fitted import Fitted, with_known_noise
-        from identification.diagnose.search import Searcher, Store, placed
-        from identification.experiment import Experiment
+        return at_the_truth(self.apparatus.write(self.scratch, recording, self.noise), self.apparatus.truth)
 
-        experiment = with_known_noise(Experiment.load(self.apparatus.write(self.scratch, recording, self.noise)))
-        searcher = Searcher(Store(None, ""), 0, 1)
-        likelihood = searcher.likelihood(experiment)
-        return searcher, Fitted(likelihood, placed(likelihood, self.apparatus.truth))
+
+def at_the_truth(path: Path, truth: dict[str, float]):
+    """A search over an experiment, and its base model at the true values."""
+    from identification.diagnose.fitted import Fitted, with_known_noise
+    from identification.diagnose.search import Searcher, Store, placed
+    from identification.experiment import Experiment
+
+    searcher = Searcher(Store(None, ""), 0, 1)
+    likelihood = searcher.likelihood(with_known_noise(Experiment.load(path)))
+    return searcher, Fitted(likelihood, placed(likelihood, truth))
+
+
+def refitted_right(apparatus: Apparatus, strengths: list[float], searcher, base):
+    """The right model, refitted from the truth."""
+    from cradle_env.effects import effect
+    from identification.diagnose.candidates import with_effects
+
+    truth = {
+        name: {p.key: np.clip(values[p.key], p.low, p.high).tolist() for p in effect(name).parameters}
+        for name, values in apparatus.effects(strengths).items()
+    }
+    return searcher.nearby(with_effects(base.experiment, truth), base.values)
 
 
 def _nearer(nearest, searcher, base, candidate, beside, likely):

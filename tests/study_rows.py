@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import json
+from pathlib import Path
+
 import numpy as np
 
 from .study import SAME, SYMMETRIC
@@ -11,6 +14,11 @@ KINDS = ("nothing hidden", "one effect", "two effects", "in no catalogue")
 CONFOUNDED = 2.0
 
 Row = dict
+
+
+def rows_of(path: Path) -> list[Row]:
+    """The rows of a file, one a line; none where there is no file."""
+    return [json.loads(line) for line in path.read_text(encoding="utf-8").splitlines()] if path.is_file() else []
 
 
 def kind(row: Row) -> str:

@@ -1,6 +1,5 @@
 """The study of diagnoses: how it judges, what it counts, and that its page is made of its rows."""
 
-import json
 import math
 import subprocess
 from collections import Counter
@@ -24,8 +23,10 @@ from tests.study import (
     held_out,
     strengths_for,
 )
-from tests.study_rows import below, confounded, exact, first, inside, of_the_right_model
-from tests.study_table import PAGE, ROWS, misses, share, summary, text
+from tests.study_errors import ROWS as AGAIN_ROWS
+from tests.study_errors import again, chosen
+from tests.study_rows import below, confounded, exact, first, inside, of_the_right_model, rows_of
+from tests.study_table import PAGE, ROWS, filmed_again, misses, share, summary, text
 
 SYMMETRIC = [["clock_scale"], ["length_mismatch"], ["added_mass"]]
 
@@ -161,7 +162,7 @@ def test_confounded_cases_are_listed_and_count_nowhere():
     variant = row(["a"], ["a"], variant=True, **{"right leaves": 15.0, "formula leaves": 0.1})
     assert [confounded(one) for one in (good, bad, variant, row([]))] == [False, True, False, False]
     settings = {"start": "hanging", "noise_stated": True, "missing": 0.0, "correlation": 0.0}
-    page = text([one | {"commit": "0000000", "settings": settings} for one in (good, bad, variant)])
+    page = text([one | {"commit": "0000000", "settings": settings} for one in (good, bad, variant)], [])
     counted, nowhere = page.split("## Counted nowhere")
     assert "12-bad" in nowhere
     assert "12-bad" not in counted
@@ -169,9 +170,34 @@ def test_confounded_cases_are_listed_and_count_nowhere():
 
 
 def test_the_page_is_made_of_the_rows():
-    rows = [json.loads(line) for line in ROWS.read_text(encoding="utf-8").splitlines()]
+    rows = rows_of(ROWS)
     assert [one["case"] for one in rows] == sorted({one["case"] for one in rows})
-    assert text(rows) == PAGE.read_text(encoding="utf-8")
+    assert text(rows, rows_of(AGAIN_ROWS)) == PAGE.read_text(encoding="utf-8")
+
+
+def test_right_models_are_filmed_again_whatever_was_found():
+    missed, two = row(["a"]), row(["a", "b"], ["a"])
+    others = [
+        row([]), row(["?"], ["a"]), row(["a"], case="11-a"), row(["a"], bobs=5), row(["a"], variant=True),
+        row(["a"], **{"right leaves": 15.0}),
+    ]  # fmt: skip
+    assert chosen([missed, *others, two]) == [missed, two]
+    made = {"made by": {"a": {"s": 1.0}}, "bobs": 2}
+    several = [made | {"errors": {"b": e}, "intervals": {"a.s": {"ci95": [e, 2.0]}}} for e in (0.0, 0.0, 0.0, 0.0, 2.0)]
+    assert filmed_again(several)[2] == "| N = 2 | – | – | +0.40, 0.89 (5) | 4 of 5 (38–96 %) |"
+
+
+@pytest.mark.slow
+def test_a_right_model_filmed_again_is_as_far_off_as_it_says(monkeypatch):
+    """Of two seeds: beyond 5 standard deviations of any unknown, or none of the values within, something is broken."""
+    monkeypatch.setattr("tests.study_errors.AGAIN", 2)
+    case = next(case for case in cases([13]) if case.name == "13-quadratic_drag")
+    several = again(case, [4e-3])
+    for found in several:
+        assert set(found["errors"]) >= {"kappa", "b"}
+        assert max(map(abs, found["errors"].values())) < 5.0
+        assert list(found["intervals"]) == ["quadratic_drag.c2"]
+    assert any(inside(found)[0] for found in several)
 
 
 def test_rounds_are_whole_and_variants_have_nothing_to_do_with_strengths():

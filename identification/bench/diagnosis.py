@@ -63,7 +63,7 @@ def row(content: Mapping[str, Any], answer: Mapping[str, Any]) -> dict[str, Any]
         "gap after": content["gap_last"],
         "left": content["remainder"]["significant"],
         "right": right(content["verdict"], found, content["equivalent"], hidden) if possible else None,
-        "errors": _errors(content, answer.get("truth", {})),
+        "errors": errors(content["parameters"], answer.get("truth", {})),
         "intervals": {name: entry for name, entry in content["parameters"].items() if name.partition(".")[0] in hidden},
         "unseen": [entry for entry in content["unseen"] if entry["effect"] in hidden],
     }
@@ -78,12 +78,13 @@ def right(verdict: str, found: Sequence[str], equivalent: Sequence[Sequence[str]
     return any(sorted([*found, *names]) == sorted(hidden) for names in equivalent or [[]])
 
 
-def _errors(content: Mapping[str, Any], truth: Mapping[str, float]) -> dict[str, float]:
-    """Errors of the cradle's parameters in units of their standard deviation."""
+def errors(parameters: Mapping[str, Any], truth: Mapping[str, float]) -> dict[str, float]:
+    """Errors of the cradle's parameters in units of their standard deviation. parameters: as diagnosis.json has
+    them."""
     found = {}
     for name, value in truth.items():
-        if name in content["parameters"]:
-            entry = content["parameters"][name]
+        if name in parameters:
+            entry = parameters[name]
             sd = (entry["ci95"][1] - entry["ci95"][0]) / (2.0 * 1.96)
             found[name] = round((entry["median"] - value) / sd, 2) if sd > 0.0 else float("nan")
     return found
