@@ -219,8 +219,7 @@ def diagnose(path: Path, out: Path, seed: int, workers: int | None) -> None:
     experiment = Experiment.load(path)
     with Progress() as progress:
         diagnosis = run(experiment, out=out, seed=seed, workers=workers, progress=progress)
-        progress("draw", None)
-        content = save(diagnosis, out)
+        content = save(diagnosis, out, progress)
     if content["steps"]:
         rows = []
         for step in content["steps"]:

@@ -18,9 +18,11 @@ from identification.cli import main
 from identification.diagnose import workflow
 from identification.diagnose.agreement import check_agreement
 from identification.diagnose.checks import check_readings
-from identification.diagnose.fitted import with_known_noise
+from identification.diagnose.course import examine
+from identification.diagnose.fitted import Fitted, with_known_noise
 from identification.diagnose.search import Searcher, Store
 from identification.diagnose.slips import check_slips
+from identification.likelihood import Likelihood
 from tests.independent.laboratory import Recording, drop_frames, lose_track, record, tracking_jump, write_experiment
 from tests.independent.soft_contact import SoftCradle
 
@@ -70,6 +72,23 @@ def test_too_few_data(tmp_path, capsys, duration, words):
 
 def test_too_sparse_readings(tmp_path, capsys):
     assert "give 6 or more in each" in refusal(tmp_path, filmed(rate=5.0), capsys)
+
+
+def test_readings_too_sparse_for_a_map_are_diagnosed_all_the_same(tmp_path, capsys):
+    """Ten per second: the checks ask for six in a swing, a window for fourteen."""
+    path = write_experiment(tmp_path, [filmed(bobs=1, rate=10.0, duration=24.0)], stated=STATED)
+    assert main(["diagnose", str(path), "--out", str(tmp_path / "out"), "--workers", "1"]) == 0
+    assert "nothing_missing" in capsys.readouterr().out
+    assert "too few readings per swing for a map" in (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
+
+
+def test_a_bob_that_is_seen_once_shows_no_frequency(tmp_path, good):
+    readings = good.readings.copy()
+    readings[np.arange(len(readings)) != 100, 0] = np.nan
+    recording = dataclasses.replace(good, readings=readings)
+    likelihood = Likelihood(Experiment.load(write_experiment(tmp_path, [recording], stated=STATED)), None, 1)
+    places = examine(Fitted(likelihood, likelihood.start()), 0, (False,)).located.places
+    assert {place.bob for place in places if place.phase == "line"} == {-1, 1}
 
 
 def relabelled(path: Path, old: str, new: str) -> Experiment:
@@ -145,6 +164,8 @@ def test_a_tracker_that_slips(tmp_path, good, size):
     assert message.startswith("run1.csv, line 542, t = 9 s, bob 2: the readings from here on")
     # Half the readings tell the size: 1 mrad over the root of 420, and a correlation with the fit.
     assert found == pytest.approx(size, abs=2e-4)
+    held_out = slips(tmp_path, tracking_jump(good, 2, size, 9.0), run={"fit_to": 13.0})
+    assert held_out.startswith("run1.csv, line 542, t = 9 s, bob 2: the readings from here on")
 
 
 def test_a_tracker_that_slips_for_a_while(tmp_path, good):

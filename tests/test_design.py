@@ -168,11 +168,16 @@ def test_refusals(plain, tmp_path, capsys, arguments, words):
 def test_a_diagnosis_is_taken_over(plain, tmp_path, capsys):
     kept, out = tmp_path / "diagnosis", tmp_path / "out"
     kept.mkdir()
-    found = {"steps": [{"effect": "quadratic_drag"}], "equivalent": [["added_mass"], ["clock_scale"]]}
+    found = {
+        "steps": [{"effect": "quadratic_drag"}], "equivalent": [["added_mass"], ["length_mismatch"]],
+        "alike": [], "taken_out": ["radial_elasticity", "string_hysteresis"],
+    }  # fmt: skip
     digest = Experiment.load(plain).digest
     (kept / "diagnosis.json").write_text(json.dumps(found | {"inputs": digest}), encoding="utf-8")
-    certain, sets = _asked(Experiment.load(plain), (), kept)
-    assert certain == ("quadratic_drag",) and sets == (("added_mass",), ("clock_scale",))
+    asked = _asked(Experiment.load(plain), (), kept)
+    assert asked.certain == ("quadratic_drag",) and asked.sets == (("added_mass",), ("length_mismatch",))
+    assert "length_mismatch" in asked.each and asked.model.digest == digest
+    assert not asked.model.cradle.has("radial_elasticity") and not asked.model.cradle.has("string_hysteresis")
     with pytest.raises(ValueError, match="alone"):  # the same twice
         _asked(Experiment.load(plain), ("added_mass+clock_scale", "clock_scale+added_mass+added_mass"), None)
     for folder, text, words in (

@@ -3,6 +3,7 @@
 import dataclasses
 import importlib
 import json
+import math
 from types import SimpleNamespace
 
 import gymnasium as gym
@@ -14,10 +15,11 @@ from cradle_env import Cradle, Release, effects, simulate
 from cradle_env.effects import CATALOGUE, LEARNED, effect, register
 from cradle_env.effects.elements import with_value
 from cradle_env.model_files import read_model
+from cradle_env.simulation import SimulationError
 from identification import Experiment, diagnose
 from identification.cli import main
-from identification.diagnose import course, repair
-from identification.diagnose.candidates import candidates, starts
+from identification.diagnose import course, inner, repair, workflow
+from identification.diagnose.candidates import Candidate, added_as, candidates, starts, taken_from, with_effects
 from identification.diagnose.course import Course, Step
 from identification.diagnose.decide import Decision, decide, judged, refitted, worth_refitting
 from identification.diagnose.diagnosis import VERDICTS, Interval, effect_parameters
@@ -453,12 +455,79 @@ def test_the_model_without_is_looked_for_from_where_rivals_lead(monkeypatch):
         beside=lambda *fits: looked.append(fits),
     )  # fmt: skip
     monkeypatch.setattr(repair, "without_effect", lambda *_: None)
-    monkeypatch.setattr(repair, "_rivals", lambda _: [SimpleNamespace(name="string_creep")])
+    several = [Candidate(name, (name,), (), alike) for name, alike in (("string_creep", False), ("lengths", True))]
+    several.append(dataclasses.replace(several[-1], alike=False))  # less probable
+    monkeypatch.setattr(repair, "_rivals", lambda _: several)
+    own = Candidate("quadratic_drag", ("quadratic_drag",), ())
+    monkeypatch.setattr(repair, "taken_from", lambda *_: own)
     monkeypatch.setattr(repair, "judged", lambda *_: SimpleNamespace(log_evidence=1e9))
     monkeypatch.setattr(repair, "standing_in", lambda *_: [])
     steps = [SimpleNamespace(effect="quadratic_drag")]
     sets = repair._exchanges(last, steps, searcher, lambda *_: None)  # type: ignore[arg-type]
-    assert sets == (("quadratic_drag",), ("string_creep",)) and looked == [(base, rival)]
+    assert sets == ((own,), (several[0],), (several[1],)) and looked == [(base, rival)] * 2
+
+
+def stopped(*_):
+    raise SimulationError("the run stopped at 3 s")
+
+
+def test_a_model_that_cannot_swing_has_no_rivals(dragged, monkeypatch):
+    experiment = Experiment.load(dragged)
+    model = with_effects(experiment, {"quadratic_drag": {"c2": 1e-3}})
+    fit = SimpleNamespace(experiment=model, values={}, coloured=(1.0, 100.0))
+    monkeypatch.setattr(repair, "_rivals", lambda _: candidates(experiment.cradle))
+    searcher, steps = SimpleNamespace(nearby=stopped), [SimpleNamespace(effect="quadratic_drag")]
+    assert repair._exchanges(SimpleNamespace(fitted=fit), steps, searcher, lambda *_: None) == ()  # type: ignore[arg-type]
+
+
+def test_what_cannot_be_followed_to_the_end_predicts_nothing(monkeypatch):
+    def predicting(gap):
+        return SimpleNamespace(training_gap=lambda: 10.0, held_out_gap=(lambda: gap) if gap else stopped)
+
+    monkeypatch.setattr(inner, "_fitted_within", lambda fitted, _: fitted)
+    assert inner.predictions(predicting(12.0), predicting(11.0), None) == (12.0, 11.0)  # type: ignore[arg-type]
+    assert inner.predictions(predicting(12.0), predicting(None), None) == (12.0, math.inf)  # type: ignore[arg-type]
+    assert inner.predictions(predicting(None), predicting(11.0), None) is None  # type: ignore[arg-type]
+
+
+def test_an_effect_is_known_in_the_form_that_it_has():
+    """Of three bobs, lengths that are all alike are another candidate than lengths of each."""
+    cradle, release = Cradle(bobs=3), Release(angle=0.2, bobs=1)
+    alike, each = (c for c in candidates(cradle) if c.name == "length_mismatch")
+    without = Experiment.from_arrays(cradle, np.arange(0.0, 5.0, 0.05), np.zeros((100, 3)), release, noise=1e-3)
+    for candidate in (alike, each):
+        own = with_effects(without, {"length_mismatch": {"relative": [0.0] * 3}}, candidate.unknown)
+        assert taken_from(own, without, "length_mismatch") == candidate
+        assert added_as(cradle.replace(effects={"quadratic_drag": {"c2": 1e-3}}), candidate) == candidate
+
+
+def test_steps_that_remain_join_on_to_one_another(monkeypatch):
+    """a and c are left of a, b and c: c stands over the model with a alone."""
+    fits = {names: SimpleNamespace(experiment=names, values={}) for names in ("", "a", "ab", "abc", "ac")}
+    steps = [Step(own, fits[before], fits[after], 0.9, None)  # type: ignore[arg-type]
+             for own, before, after in (("a", "", "a"), ("b", "a", "ab"), ("c", "ab", "abc"))]  # fmt: skip
+    monkeypatch.setattr(repair, "without_effect", lambda names, name: names.replace(name, ""))
+    searcher = SimpleNamespace(nearby=lambda names, _: fits[names])
+    joined = repair._joined([steps[0], steps[2]], fits[""], fits["ac"], searcher)  # type: ignore[arg-type]
+    assert [(s.effect, s.before.experiment, s.after.experiment) for s in joined] == [("a", "", "a"), ("c", "a", "ac")]
+
+
+def test_a_law_is_of_what_the_last_model_leaves(monkeypatch):
+    monkeypatch.setattr(repair, "learn", lambda fitted, *_: f"of {fitted}")
+    law = SimpleNamespace(before="other")
+    for significant, before, found in ((False, "last", None), (True, "last", law), (True, "other", "of last")):
+        law.before = before
+        last = SimpleNamespace(fitted="last", significant=significant)
+        assert repair._law_of(last, law, None, lambda *_: None) == found  # type: ignore[arg-type]
+
+
+def test_no_run_is_planned_for_lambda_with_a_model_that_leaves_more_than_noise(monkeypatch):
+    monkeypatch.setattr(workflow, "advise_on_lambda", lambda fitted, _: fitted)
+    searcher = SimpleNamespace(on_everything=lambda fitted: f"{fitted}, on everything")
+    for significant, planned in ((True, None), (False, "last, on everything")):
+        last = SimpleNamespace(fitted="last", significant=significant)
+        repaired = SimpleNamespace(alternatives=(), last=last)
+        assert workflow._advice(repaired, {}, searcher, 0, lambda *_: None) == planned  # type: ignore[arg-type]
 
 
 def test_correlated_residuals_count_for_less(plain):

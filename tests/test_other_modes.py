@@ -30,7 +30,7 @@ def test_a_clock_that_a_far_mode_of_kappa_hides_is_found(tmp_path):
     assert abs(base.values["kappa"] / true - 1.0) > 0.02
     repaired = repair.repair(base, searcher, 0, (False,), QUIET)
     assert not repaired.examined[0].significant
-    assert {"clock_scale", "added_mass"} <= {name for names in repaired.alternatives for name in names}
+    assert {"clock_scale", "added_mass"} <= {one.name for several in repaired.alternatives for one in several}
     found = searcher.anywhere(base, CLOCK)
     sd = dict(zip(found.likelihood.names, np.sqrt(np.diag(found.covariance)), strict=True))
     assert abs(np.log(found.values["kappa"] / true)) < 4.0 * sd["kappa"]

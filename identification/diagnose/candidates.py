@@ -60,6 +60,17 @@ def candidates(cradle: Cradle) -> list[Candidate]:
     return found
 
 
+def taken_from(experiment: Experiment, without: Experiment, name: str) -> Candidate:
+    """The candidate that an effect of this name is, in the form it has in an experiment, to one without it."""
+    unknown = {*experiment.unknown_effect_parameters}
+    return next(c for c in candidates(without.cradle) if c.name == name and unknown.issuperset(c.unknown))
+
+
+def added_as(cradle: Cradle, candidate: Candidate) -> Candidate:
+    """A candidate of one cradle as that of another, which may have some of what it requires."""
+    return next(c for c in candidates(cradle) if c.label == candidate.label)
+
+
 def _matters_alone(declared: Effect) -> bool:
     return (
         declared.acts_on != "contact"

@@ -3,6 +3,7 @@ what is least known of λ; and its files."""
 
 from __future__ import annotations
 
+import itertools
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -14,7 +15,7 @@ from cradle_env.cradle import Cradle
 from cradle_env.effects import effect
 from cradle_env.simulation import SimulationError
 from identification.diagnose.advise import Advice, advise, advise_on_lambda
-from identification.diagnose.candidates import candidates
+from identification.diagnose.candidates import candidates, without_effect
 from identification.diagnose.checks import check_readings
 from identification.diagnose.fitted import Fitted, with_known_noise
 from identification.diagnose.search import Searcher, Store
@@ -118,60 +119,77 @@ def design(
     """The run that tells most beside the runs there are.
 
     between: two models or more, each an effect or several joined by "+", as "added_mass"; diagnosis: the folder of a
-    diagnosis of the same experiment, whose named effects are taken over, and whose `equivalent` sets are in question
-    where `between` names none; otherwise λ is. out: folder in which finished fits are kept. Raises ValueError for
+    diagnosis of the same experiment, whose model with its named effects is taken over, and whose `equivalent` sets are
+    in question where `between` names none; otherwise λ is. What has a value per bob or gap has one for all of them,
+    unless the diagnosis found it otherwise. out: folder in which finished fits are kept. Raises ValueError for
     what cannot be planned.
     """
     tell = progress or (lambda *_: None)
     if out is not None:
         check_report(Path(out), "design")
-    certain, sets = _asked(experiment, between, diagnosis)
-    known = with_known_noise(experiment)
+    asked = _asked(experiment, between, diagnosis)
+    known = with_known_noise(asked.model)
     check_readings(known)
     store = Store.of(out, experiment, seed)
     searcher = Searcher(store, seed, workers)
     tell("search", 0.0, "the model as given")
-    base = _with(searcher.globally(known, tell), certain, searcher, tell)
-    models = tuple(searcher.on_everything(_with(base, names, searcher, tell)) for names in sets or ((),))
-    advice = advise(models, sets, seed, tell) if sets else advise_on_lambda(models[0], tell)
+    base = _with(searcher.globally(known, tell), asked.certain, asked.each, searcher, tell)
+    several = [_with(base, names, asked.each, searcher, tell) for names in asked.sets or ((),)]
+    models = tuple(map(searcher.on_everything, several))
+    advice = advise(models, asked.sets, seed, tell) if asked.sets else advise_on_lambda(models[0], tell)
     if advice is None:
         raise ValueError(
             "no experiment can be advised: "
             + (
                 "none of the planned ones can be simulated, or followed for long enough, with all of the models"
-                if sets
+                if asked.sets
                 else "λ is not defined for one bob, or without a release, or no planned run can be followed for long"
                 " enough; name models to tell apart by --between"
             )
         )
-    return Design(experiment, models, certain, sets, advice, seed)
+    return Design(asked.model, models, asked.certain, asked.sets, advice, seed)
 
 
-def _asked(
-    experiment: Experiment, between: Sequence[str], diagnosis: str | Path | None
-) -> tuple[Names, tuple[Names, ...]]:
-    """(effects that are certain, sets in question)."""
-    certain: Names = ()
+@dataclass(frozen=True, eq=False)
+class _Asked:
+    """model: the experiment as given, or with what a diagnosis took out of its model taken out; effects that are
+    certain; sets in question; each: effects that have a value per bob or gap, not one for all."""
+
+    model: Experiment
+    certain: Names
+    sets: tuple[Names, ...]
+    each: frozenset[str]
+
+
+def _asked(experiment: Experiment, between: Sequence[str], diagnosis: str | Path | None) -> _Asked:
+    certain, each, model = (), frozenset(), experiment
     sets = tuple(dict.fromkeys(tuple(sorted({*text.split("+")})) for text in between))
     if diagnosis is not None:
         path = Path(diagnosis) / "diagnosis.json"
         try:
             found = json.loads(read_text(path)[0])
             certain = tuple(step["effect"] for step in found["steps"])
-            sets = sets or tuple(tuple(names) for names in found["equivalent"])
-            inputs = found["inputs"]
+            equivalent = tuple(tuple(names) for names in found["equivalent"])
+            each = frozenset(itertools.chain(certain, *equivalent)) - {*found["alike"]}
+            gone, inputs = [*found["taken_out"]], found["inputs"]
         except (ValueError, KeyError, TypeError) as problem:
             if isinstance(problem, ExperimentError):
                 raise
-            raise ValueError(f"{path}: not a diagnosis; name the folder that cradle diagnose wrote") from None
+            raise ValueError(
+                f"{path}: not a diagnosis by this version; name the folder that cradle diagnose wrote, or run it again"
+            ) from None
         if inputs != experiment.digest:
             raise ValueError(f"{path}: of another experiment, or of other data; diagnose this one first")
+        for name in reversed(gone):  # what requires another comes after it
+            effect(name)
+            model = without_effect(model, name)
+        model, sets = model.read_from(inputs), sets or equivalent
     if len(sets) == 1:
         raise ValueError(f"between is {'+'.join(sets[0])} alone; name two models or more to tell apart")
-    for name in (*certain, *(name for names in sets for name in names)):
+    for name in itertools.chain(certain, *sets):
         effect(name)
-        _check_absent(experiment.cradle, name)
-    return certain, sets
+        _check_absent(model.cradle, name)
+    return _Asked(model, certain, sets, each)
 
 
 def _check_absent(cradle: Cradle, name: str) -> None:
@@ -181,13 +199,14 @@ def _check_absent(cradle: Cradle, name: str) -> None:
         raise ValueError(f"{name} cannot matter to {cradle.bobs} bob{'s' if cradle.bobs > 1 else ''}; name another")
 
 
-def _with(fitted: Fitted, names: Names, searcher: Searcher, tell: Progress) -> Fitted:
-    """The fit with effects added, one after the other."""
+def _with(fitted: Fitted, names: Names, each: frozenset[str], searcher: Searcher, tell: Progress) -> Fitted:
+    """The fit with effects added, one after the other; each: as `_Asked` has it."""
     for name in names:
         tell("refit", 0.0, name)
         if fitted.cradle.has(name):  # brought along by an earlier one
             continue
-        candidate = next(c for c in candidates(fitted.cradle) if c.name == name)
+        several = [c for c in candidates(fitted.cradle) if c.name == name]
+        candidate = several[-1 if name in each else 0]
         try:
             fitted = searcher.adding(fitted, candidate)
         except SimulationError as problem:

@@ -13,14 +13,16 @@ from cradle_env.cradle import Cradle
 from cradle_env.effects import LEARNED
 from cradle_env.effects.elements import element_of
 from identification.diagnose.advise import Advice
+from identification.diagnose.candidates import taken_from
 from identification.diagnose.fitted import Fitted
 from identification.diagnose.intervals import Interval, intervals
 from identification.diagnose.law import Law
 from identification.diagnose.law_shape import Shape, terms_of
 from identification.diagnose.repair import Repaired
-from identification.diagnose.simpler import ELASTIC
+from identification.diagnose.simpler import ELASTIC, taken_out
 from identification.diagnose.unseen import Unseen, unseen
 from identification.experiment import Experiment
+from identification.fit import Progress
 from identification.toml_file import toml_key, toml_text
 
 FORMAT = "cradle-diagnosis/1"
@@ -83,13 +85,20 @@ class Diagnosis:
     @property
     def effects(self) -> tuple[str, ...]:
         """Names of the effects that are missing beyond doubt."""
-        doubtful = {name for names in self.repaired.alternatives for name in names}
+        doubtful = {name for names in self.equivalent for name in names}
         return tuple(step.effect for step in self.repaired.steps if step.effect not in doubtful)
 
     @property
     def equivalent(self) -> tuple[tuple[str, ...], ...]:
         """Sets of effects, of which any one completes `effects`."""
-        return self.repaired.alternatives
+        return tuple(tuple(candidate.name for candidate in several) for several in self.repaired.alternatives)
+
+    @property
+    def alike(self) -> tuple[str, ...]:
+        """Of all effects that it names, those of which every bob or gap has the same value."""
+        several = (candidate for set_ in self.repaired.alternatives for candidate in set_)
+        named = (taken_from(s.after.experiment, s.before.experiment, s.effect) for s in self.repaired.steps)
+        return tuple(dict.fromkeys(candidate.name for candidate in (*named, *several) if candidate.alike))
 
     @functools.cached_property
     def gap_first(self) -> float:
@@ -143,9 +152,14 @@ class Diagnosis:
             lines += [f"{toml_key(name)} = {toml_text(values)}" for name, values in known.items()]
         return "\n".join([*lines, ""])
 
-    def content(self) -> dict[str, Any]:
-        """What diagnosis.json holds."""
+    def content(self, progress: Progress | None = None) -> dict[str, Any]:
+        """What diagnosis.json holds; worked out here is how far the unknowns and what else there may be are known."""
+        tell = progress or (lambda *_: None)
         last = self.repaired.last
+        tell("limits", 0.0, "how well the unknowns are known")
+        parameters = self.parameters
+        tell("limits", 0.5, "what the data may hide")
+        unseen = [one.content() for one in self.unseen]
         doubtful = {name for names in self.equivalent for name in names}
         return {
             "format": FORMAT,
@@ -161,6 +175,8 @@ class Diagnosis:
             ],
             "steps": [self._step(step) for step in self.repaired.steps if step.effect not in doubtful],
             "equivalent": [list(names) for names in self.equivalent],
+            "alike": list(self.alike),
+            "taken_out": taken_out(self.base.cradle, self.experiment.cradle),
             "gap_first": self.gap_first,
             "gap_last": self.gap_last,
             "gap_allowed": self.gap_allowed,
@@ -170,12 +186,12 @@ class Diagnosis:
                 "described": described(last.located.where) if last.significant else "",
                 "law": self._law(),
             },
-            "unseen": [one.content() for one in self.unseen],
+            "unseen": unseen,
             "removed": list(self.repaired.removed),
             "candidates": self._candidates(),
             "parameters": {
                 name: {"unit": found.unit, "median": found.median, "ci95": list(found.ci95)}
-                for name, found in self.parameters.items()
+                for name, found in parameters.items()
             },
             "advice": None if self.advice is None else self.advice.content(),
         }

@@ -6,6 +6,7 @@ from __future__ import annotations
 import dataclasses
 import math
 
+from cradle_env.simulation import SimulationError
 from identification import rough
 from identification.diagnose.fitted import Fitted
 from identification.diagnose.search import Searcher, finished, fit_key, placed
@@ -40,13 +41,21 @@ def predictions(without: Fitted, refit: Fitted, searcher: Searcher) -> tuple[flo
     """
     if refit.training_gap() < FAR:
         return None
-    before = fitted_within(without, searcher)
-    if before.held_out_gap() > _IN_STEP * before.training_gap():
-        return None
-    return before.held_out_gap(), fitted_within(refit, searcher).held_out_gap()
+    before, gap = gap_within(without, searcher)
+    return None if gap > _IN_STEP * before.training_gap() else (gap, gap_within(refit, searcher)[1])
 
 
-def fitted_within(fitted: Fitted, searcher: Searcher) -> Fitted:
+def gap_within(fitted: Fitted, searcher: Searcher) -> tuple[Fitted, float]:
+    """The model fitted to the first two thirds, and the gap of its prediction; inf where that ends before the readings
+    do."""
+    within = _fitted_within(fitted, searcher)
+    try:
+        return within, within.held_out_gap()
+    except SimulationError:
+        return within, math.inf
+
+
+def _fitted_within(fitted: Fitted, searcher: Searcher) -> Fitted:
     """The model fitted to the first two thirds, from where it has its mode."""
     likelihood = searcher.likelihood(inner(fitted.experiment))
     key = fit_key("inner", likelihood.experiment, fitted.point.tolist())

@@ -22,7 +22,7 @@ from identification.diagnose.cut import can_be_cut, windowed
 from identification.diagnose.decide import CLOSE, log_evidence
 from identification.diagnose.fitted import Fitted, colour
 from identification.diagnose.in_time import with_time
-from identification.diagnose.inner import FAR, fitted_within, inner
+from identification.diagnose.inner import FAR, gap_within, inner
 from identification.diagnose.search import Searcher, fit_key, only_noise, placed
 from identification.diagnose.terms import Linear, Scales, Term, extended, library
 from identification.experiment import Experiment
@@ -85,7 +85,7 @@ def learn(fitted: Fitted, searcher: Searcher, tell: Progress, rival: Fitted | No
     tell("law", 0.4, "which terms")
     part = inner(fitted.experiment)
     none = Law(fitted, fitted, (), scales, *[_free(fitted, searcher, part, scales, (), {}).held_out_gap()] * 2)
-    most = math.inf if rival is None else _FAR_WORSE * fitted_within(rival, searcher).held_out_gap()
+    most = math.inf if rival is None else _FAR_WORSE * gap_within(rival, searcher)[1]
     free = _free_views(none) if cut is None or _in_step(fitted) else []
     views = free if cut is None else [cut, *free]
     drafts = [_drafts(none, searcher, part, scales, view, choices(view), most) for view in views]
@@ -226,8 +226,9 @@ def _free(
     """The fit as one free run, near the values found in windows, those of new terms or less of them: a free run alone
     would bend terms to its drift."""
     likelihood = searcher.likelihood(extended(experiment, scales, terms))
-    key = fit_key("law", experiment, experiment.digest, scales, [term.name for term in terms], fitted.point.tolist())
-    meet = experiment.cradle.bobs > 1
+    begun = sorted(values.items()), [term.name for term in new]
+    what = experiment.digest, scales, [term.name for term in terms], fitted.point.tolist(), *begun
+    key, meet = fit_key("law", experiment, *what), experiment.cradle.bobs > 1
 
     def find() -> np.ndarray:
         # All that a linear model found at once may throw a long run out of step, where part of it does not.

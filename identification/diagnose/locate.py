@@ -23,7 +23,8 @@ from identification.diagnose.windows import Window, edges, motions, windows
 _HARMONICS, _DEGREE = 3, 4
 #: Sectors of the swing's phase.
 _SECTORS = 8
-_MOST_SHOWN = 12
+#: Readings of a bob from which on a sector or a line is looked for; places told at most.
+_FEWEST, _MOST_SHOWN = 20, 12
 #: Parts of a run from which the unknowns are inferred alone.
 _PARTS = (0.25, 0.5, 0.75)
 
@@ -169,12 +170,12 @@ def all_places(fitted: Fitted, found: list[Window]) -> list[Place]:
             places.append(add(whole, "all", motion.rows[mine], None))
             for s in range(_SECTORS):
                 inside = mine & (sector == s)
-                if inside.sum() >= 20:
+                if inside.sum() >= _FEWEST:
                     places.append(
                         add(whole, f"{360 * s // _SECTORS}–{360 * (s + 1) // _SECTORS}°", motion.rows[inside],
                             np.full((int(inside.sum()), 1), inside.sum() ** -0.5))
                     )  # fmt: skip
-            if len(sought) and fitted.cradle.bobs > 1:
+            if len(sought) and fitted.cradle.bobs > 1 and mine.sum() >= _FEWEST:
                 rows, time = motion.rows[mine], motion.time[mine]
                 places.append(Line(run, int(bob), whole, "line", rows, None, time, sought))
             # Residuals along θ are an amplitude that is off, along θ̇ a frequency.

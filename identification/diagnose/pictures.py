@@ -10,6 +10,7 @@ from identification.diagnose.course import Examined
 from identification.diagnose.diagnosis import Diagnosis
 from identification.diagnose.fitted import Fitted
 from identification.diagnose.law_shape import Shape
+from identification.diagnose.locate import Place
 from identification.fit import training_rows
 from identification.style import BLUE, GREEN, GREY, ORANGE, RED, quiet_grid, styled
 
@@ -23,17 +24,23 @@ _MOST_BOBS, _CLOSE_UP = 5, 4.0
 _ACROSS = 3
 
 
-@styled
-def map_figure(examined: Examined) -> Figure:
-    """Surprise of every window of every bob, in flight and near impacts."""
-    from matplotlib.colors import SymLogNorm
-    from matplotlib.figure import Figure
-
-    runs = [k for k in range(len(examined.fitted.experiment.runs)) if (examined.fitted.readings.run == k).any()]
-    places = [
+def in_windows(examined: Examined) -> list[tuple[Place, float]]:
+    """The places of single bobs in a window, in flight and near impacts, and the surprise of each; [] where readings
+    are too few for any."""
+    return [
         (place, value) for place, value in zip(examined.located.places, examined.located.statistic, strict=True)
         if place.bob >= 0 and place.phase in ("flight", "impact")
     ]  # fmt: skip
+
+
+@styled
+def map_figure(examined: Examined) -> Figure:
+    """Surprise of every window of every bob, in flight and near impacts, where there are any."""
+    from matplotlib.colors import SymLogNorm
+    from matplotlib.figure import Figure
+
+    places = in_windows(examined)
+    runs = sorted({place.run for place, _ in places})
     bobs = sorted({place.bob for place, _ in places})
     figure = Figure(figsize=(9.0, 0.9 + len(runs) * (0.7 + 0.42 * len(bobs))), layout="constrained")
     limit = float(np.quantile(examined.located.replicas, 0.95))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -9,7 +10,7 @@ import numpy as np
 
 from cradle_env.effects import effect
 from cradle_env.simulation import SimulationError
-from identification.diagnose.candidates import Candidate, is_strength, without_effect
+from identification.diagnose.candidates import Candidate, is_strength, taken_from, without_effect
 from identification.diagnose.course import Course, Examined, Step
 from identification.diagnose.decide import ALPHA, CLOSE, Decision, judged, log_evidence
 from identification.diagnose.fitted import Fitted
@@ -34,14 +35,14 @@ _RIVAL = 0.3
 @dataclass(frozen=True, eq=False)
 class Repaired:
     """All models examined, the base first; the steps kept; names withdrawn or taken out again; alternatives: sets of
-    effects of which each would do as well as the last steps, () where there is no doubt; law: what was learned of the
-    remainder, None where there is none or it predicts nothing."""
+    effects of which each would do as well as the last steps, the chosen ones first, () where there is no doubt; law:
+    what was learned of the remainder, None where there is none or it predicts nothing."""
 
     examined: tuple[Examined, ...]
     decisions: tuple[Decision, ...]
     steps: tuple[Step, ...]
     removed: tuple[str, ...]
-    alternatives: tuple[tuple[str, ...], ...]
+    alternatives: tuple[tuple[Candidate, ...], ...]
     last: Examined
     law: Law | None
 
@@ -69,10 +70,13 @@ def repair(
         last, kept, more = _without_the_needless(course, last, kept)
         if more:
             removed, alternatives = [*removed, *more], _exchanges(last, kept, searcher, tell)
-    if last.significant and (law is None or law.before is not last.fitted):
-        law = learn(last.fitted, searcher, tell)
+    law = _law_of(last, law, searcher, tell)
+    if removed:
+        kept = _joined(kept, course.examined[0].fitted, last.fitted, searcher)
     names = {step.effect for step in kept}
     gone = tuple(name for name in dict.fromkeys([*course.replaced, *withdrawn, *removed]) if name not in names)
+    if removed and not kept:  # what was added only led to a better mode of the base model
+        return Repaired((last,), (), (), gone, (), last, law)
     return Repaired(tuple(course.examined), tuple(course.decisions), tuple(kept), gone, alternatives, last, law)
 
 
@@ -149,28 +153,53 @@ def _without_the_needless(
     return last, kept, removed
 
 
+def _law_of(last: Examined, known: Law | None, searcher: Searcher, tell: Progress) -> Law | None:
+    """What is learned of what the last model leaves, where that is more than noise."""
+    if not last.significant:
+        return None
+    return known if known is not None and known.before is last.fitted else learn(last.fitted, searcher, tell)
+
+
+def _joined(kept: Sequence[Step], base: Fitted, last: Fitted, searcher: Searcher) -> list[Step]:
+    """The steps that remain, from the base model to the last one: what was removed is in none of them."""
+    joined, after = [], last
+    for step in reversed(kept):
+        before = base
+        if step is not kept[0]:
+            before = searcher.nearby(without_effect(after.experiment, step.effect), after.values)
+        joined.append(dataclasses.replace(step, before=before, after=after))
+        after = before
+    return joined[::-1]
+
+
 def _required(name: str) -> tuple[str, ...]:
     return effect(name).requires
 
 
 def _exchanges(
     last: Examined, steps: Sequence[Step], searcher: Searcher, tell: Progress
-) -> tuple[tuple[str, ...], ...]:
-    """Sets of effects that complete the other steps as well as those chosen, the chosen ones first. What is in the
-    place of another may lead to a better mode of the model without either, which is looked for from there."""
+) -> tuple[tuple[Candidate, ...], ...]:
+    """Sets of effects that complete the other steps as well as those chosen, the chosen ones first; each effect once,
+    as it did best. What is in the place of another may lead to a better mode of the model without either, which is
+    looked for from there."""
     inflation, effective = last.fitted.coloured
-    rivals: list[tuple[str, str]] = []
+    rivals: dict[tuple[str, str], tuple[Candidate, Candidate]] = {}
     for step in steps:
         others = _rivals(step)
         if not others or any(step.effect in _required(other.effect) for other in steps):
             continue
         model = without_effect(last.fitted.experiment, step.effect)
-        base = searcher.nearby(model, last.fitted.values)
-        more = len(last.fitted.point) - len(base.point)
-        own = log_evidence(base.chi2 - last.fitted.chi2, more, inflation, effective)
+        try:
+            base = searcher.nearby(model, last.fitted.values)
+            own = log_evidence(
+                base.chi2 - last.fitted.chi2, len(last.fitted.point) - len(base.point), inflation, effective
+            )
+        except (SimulationError, ValueError):
+            continue
+        taken = taken_from(last.fitted.experiment, model, step.effect)
         for i, candidate in enumerate(others):
-            tell("exchange", i / len(others), f"{candidate.name} for {step.effect}")
-            if base.cradle.has(candidate.name):
+            tell("exchange", i / len(others), f"{candidate.label} for {step.effect}")
+            if base.cradle.has(candidate.name) or (step.effect, candidate.name) in rivals:
                 continue
             try:
                 searcher.adding(base, candidate)
@@ -179,10 +208,10 @@ def _exchanges(
             except (SimulationError, ValueError):
                 continue
             if own - refit.log_evidence < CLOSE:
-                rivals.append((step.effect, candidate.name))
+                rivals[step.effect, candidate.name] = taken, candidate
                 searcher.beside(base, fit)
-    doubtful = tuple(dict.fromkeys(own for own, _ in rivals))
-    exchanged = (tuple(rival if name == own else name for name in doubtful) for own, rival in rivals)
+    doubtful = tuple(dict.fromkeys(own for own, _ in rivals.values()))
+    exchanged = (tuple(rival if one == own else one for one in doubtful) for own, rival in rivals.values())
     return tuple(dict.fromkeys((doubtful, *exchanged))) if rivals else ()
 
 

@@ -15,10 +15,12 @@ from identification.diagnose.pictures import (
     candidates_figure,
     comparison_figure,
     energy_figure,
+    in_windows,
     law_figure,
     map_figure,
 )
 from identification.files import check_own, write_listed
+from identification.fit import Progress
 from identification.page import page
 from identification.style import png
 from identification.wording import Rounding, markup, number, ratio, unit_markup
@@ -31,9 +33,11 @@ def check_folder(folder: Path) -> None:
     check_own(folder, (_STAMP, *_FILES), _STAMP, FORMAT)
 
 
-def save(diagnosis: Diagnosis, folder: Path) -> dict[str, Any]:
+def save(diagnosis: Diagnosis, folder: Path, progress: Progress | None = None) -> dict[str, Any]:
     """Writes report.html, model.toml and, last, diagnosis.json, whose content it returns."""
-    content = diagnosis.content()
+    content = diagnosis.content(progress)
+    if progress:
+        progress("draw", 0.0, "the report")
     texts = (html(diagnosis, content), diagnosis.model_toml())
     return write_listed(folder, dict(zip(_FILES, texts, strict=True)), _STAMP, content)
 
@@ -41,7 +45,7 @@ def save(diagnosis: Diagnosis, folder: Path) -> dict[str, Any]:
 def html(diagnosis: Diagnosis, content: Mapping[str, Any]) -> str:
     """The report. content: that of diagnosis.json."""
     pictures = {
-        "map": map_figure(diagnosis.repaired.examined[0]),
+        **({"map": map_figure(diagnosis.repaired.examined[0])} if in_windows(diagnosis.repaired.examined[0]) else {}),
         **({"energy": energy_figure(diagnosis)} if content["energy"] else {}),
         "candidates": candidates_figure(diagnosis),
         "comparison": comparison_figure(diagnosis),
@@ -141,7 +145,7 @@ def sentence(content: Mapping[str, Any]) -> str:
     rest = f" Something is still left (p = {_digits(left['p'])}): {left['described']}." if left["significant"] else ""
     if content["verdict"] == "nothing_missing":
         return (
-            f"Nothing is missing: what the model leaves is noise (held-out gap {ratio(content['gap_first'])}).{departs}"
+            f"Nothing is missing: what the model leaves is noise (held-out gap {ratio(content['gap_last'])}).{departs}"
         )
     if content["verdict"] == "named":
         return f"Missing from the model: {names}; with it, {gaps}.{rest}{departs}"

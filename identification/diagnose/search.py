@@ -151,7 +151,8 @@ class Searcher:
             tried += [placed(likelihood, {**origins[0], **flat(own.name, values)}) for values in likely]
             return best_of(likelihood, tried, early_too=True, enough=enough)
 
-        key = fit_key("adding", likelihood.experiment, fitted.point.tolist(), self.seed)
+        begun = [sorted(flat(own.name, values).items()) for values in likely]
+        key = fit_key("adding", likelihood.experiment, fitted.point.tolist(), self.seed, begun, enough)
         return self.best(Fitted(likelihood, self.store.point(key, find)))
 
     def adding_beside(

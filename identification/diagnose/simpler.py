@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from cradle_env.cradle import Cradle
 from cradle_env.simulation import SimulationError
 from identification.diagnose.candidates import without_effect
 from identification.diagnose.decide import log_evidence
@@ -38,9 +39,14 @@ def simpler(given: Fitted, searcher: Searcher, tell: Progress) -> Fitted:
     return given if evident or min(given.training_gap(), rigid.training_gap()) < FAR else rigid
 
 
-def taken_out(fitted: Fitted, given: Fitted) -> list[str]:
+def taken_out(cradle: Cradle, given: Cradle) -> list[str]:
+    """Names of the effects of the cradle as given that another has not."""
+    return [own.name for own in given.composition if not cradle.has(own.name)]
+
+
+def said(fitted: Fitted, given: Fitted) -> list[str]:
     """What to know where that was done."""
-    names = [own.name for own in given.cradle.composition if not fitted.cradle.has(own.name)]
+    names = taken_out(fitted.cradle, given.cradle)
     more = len(given.point) - len(fitted.point)
     return [
         f"{' and '.join(names)} taken out of the model: the readings are far from what it says with or without, and "

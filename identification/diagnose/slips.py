@@ -233,7 +233,8 @@ def _told(slip: Slip, run: Run) -> str:
         )
     where = f"{begin}, bob {slip.bob + 1}: the readings"
     end = f"{run.place(slip.last - 1, slip.bob)}, t = {run.times[slip.last - 1]:.6g} s"
-    lasting = "from here on" if slip.last == len(run.times) else f"up to {end},"
+    own = np.flatnonzero(run.fitted & ~np.isnan(run.readings[:, slip.bob]))
+    lasting = "from here on" if slip.last > own[-1] else f"up to {end},"
     if math.isnan(slip.size):
         return f"{where} {lasting} are where no motion leads, as of a tracker that lost the bob; leave them empty"
     size = f"{slip.size / run.scale:+.3g} {run.unit}"

@@ -2,23 +2,27 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Mapping
 from pathlib import Path
 
 from cradle_env.simulation import SimulationError
 from identification.diagnose.advise import Advice, advise, advise_on_lambda
 from identification.diagnose.agreement import check_agreement
-from identification.diagnose.candidates import candidates, without_effect
+from identification.diagnose.candidates import added_as, without_effect
 from identification.diagnose.checks import check_readings
 from identification.diagnose.diagnosis import Diagnosis
 from identification.diagnose.fitted import Fitted, with_known_noise
 from identification.diagnose.repair import Repaired, repair
 from identification.diagnose.search import Searcher, Store
-from identification.diagnose.simpler import simpler, taken_out
+from identification.diagnose.simpler import said, simpler
 from identification.diagnose.slips import check_slips
 from identification.experiment import Experiment
 from identification.fit import Progress
 from identification.linear_algebra import on_one_thread
+
+#: Effects that would do as well together.
+Names = tuple[str, ...]
 
 
 @on_one_thread
@@ -53,7 +57,7 @@ def diagnose(
     if any(given.cradle.has(step.effect) for step in repaired.steps):  # what was taken out shows after all
         base = given
         repaired = repair(base, searcher, seed, estimated, tell)
-    warnings = (*warnings, *taken_out(base, given))
+    warnings = (*warnings, *said(base, given))
     tell("advise", 0.0, "the next experiment")
     final = searcher.on_everything(repaired.last.fitted if repaired.law is None else repaired.law.fitted)
     others = _others(repaired, searcher)
@@ -62,32 +66,31 @@ def diagnose(
 
 
 def _advice(
-    repaired: Repaired, others: Mapping[tuple[str, ...], Fitted], searcher: Searcher, seed: int, tell: Progress
+    repaired: Repaired, others: Mapping[Names, Fitted], searcher: Searcher, seed: int, tell: Progress
 ) -> Advice | None:  # fmt: skip
-    """The experiment that tells equivalent sets apart; without such, the one that makes λ certain."""
-    last = repaired.last.fitted
-    if not repaired.alternatives:
-        return advise_on_lambda(last, tell)
-    models, sets = [searcher.on_everything(last), *others.values()], [repaired.alternatives[0], *others]
-    return advise(models, sets, seed, tell) if others else None
+    """The experiment that tells equivalent sets apart; without such, the one that makes λ certain, by a model that
+    leaves only noise."""
+    last = searcher.on_everything(repaired.last.fitted)
+    if repaired.alternatives:
+        sets = [tuple(c.name for c in repaired.alternatives[0]), *others]
+        return advise([last, *others.values()], sets, seed, tell) if others else None
+    return None if repaired.last.significant else advise_on_lambda(last, tell)
 
 
-def _others(repaired: Repaired, searcher: Searcher) -> dict[tuple[str, ...], Fitted]:
+def _others(repaired: Repaired, searcher: Searcher) -> dict[Names, Fitted]:
     """The models with what would do as well as the sets chosen, by what it is, fitted to all data."""
     if not repaired.alternatives:
         return {}
     last, found = repaired.last.fitted, {}
     chosen, *others = repaired.alternatives
     model = last.experiment
-    for name in chosen:
-        model = without_effect(model, name)
+    for candidate in chosen:
+        model = without_effect(model, candidate.name)
     without = searcher.nearby(model, last.values)
-    for names in others:
+    for several in others:
         fit = without
-        try:
-            for name in names:
-                fit = searcher.adding(fit, next(c for c in candidates(fit.cradle) if c.name == name))
-        except (SimulationError, ValueError, StopIteration):
-            continue
-        found[names] = searcher.on_everything(fit)
+        with contextlib.suppress(SimulationError, ValueError):
+            for candidate in several:
+                fit = searcher.adding(fit, added_as(fit.cradle, candidate))
+            found[tuple(c.name for c in several)] = searcher.on_everything(fit)
     return found
