@@ -25,16 +25,19 @@ def _curve(cradle: Cradle, speeds: np.ndarray) -> np.ndarray:
     """(e, contact time [s]) of two bobs at each speed [m/s]; (len(speeds), 2)."""
     from cradle_env.mechanics import parameters, restitution
 
-    record = np.zeros(1, parameters.CRADLE)
+    record, bobs = np.zeros(1, parameters.CRADLE), np.zeros(cradle.bobs, parameters.BOB)
     write_law(record, cradle)
     for effect in cradle.composition:
-        if effect.acts_on == "contact" and effect.apply is not None:
-            effect.apply(record, np.zeros(cradle.bobs, parameters.BOB), cradle.effects.get(effect.name, {}))
+        if effect.acts_on in ("bob", "contact") and effect.apply is not None:
+            effect.apply(record, bobs, cradle.effects.get(effect.name, {}))
     speeds = np.atleast_1d(np.ascontiguousarray(speeds, dtype=float))
     if not (np.isfinite(speeds) & (speeds > 0.0)).all():
         raise ValueError("impact speeds must be finite and greater than 0 m/s")
     curve = np.empty((len(speeds), 2))
-    restitution.curve(record[0], restitution.universal_curves(), 0.5 * cradle.mass, speeds, curve)
+    inertia = cradle.mass + bobs["added_mass"][0]
+    restitution.curve(record[0], restitution.universal_curves(), 0.5 * inertia, speeds, curve)
+    # Of a cradle whose contacts are instantaneous it is the time by eq. 1.
+    curve[:, 1] *= record["contact_scale"][0] or 1.0
     return curve
 
 

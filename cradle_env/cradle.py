@@ -241,7 +241,8 @@ class Release:
     """Bobs lifted and let go at rest at t = 0.
 
     angle [rad] for the `bobs` bobs nearest the end with the highest number, or `angles` {bob: angle} for any;
-    start: "unstretched" (r = r0, the paper) or "hanging" (at their hanging length).
+    start: "unstretched" (r = r0, the paper) or "hanging" (at their hanging length). Lifted neighbours that would
+    overlap by less than a quarter of their radius, and what δ < 0 takes, are spread until they touch.
     """
 
     angle: float | None = None
@@ -334,7 +335,8 @@ class InitialState:
     """Any state from which a run can begin, at t = 0: arrays of shape (N,), SI.
 
     theta, theta_dot; r, r_dot (None: hanging length, 0); tension_ratio: string tension over that of the virgin
-    loading line at the same stretch (None: 1), which is the memory that a stretched string carries.
+    loading line at the same stretch (None: 1), which is the memory that a stretched string carries. Bobs that overlap
+    a little are spread as those of a `Release`.
     """
 
     theta: np.ndarray

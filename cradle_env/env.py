@@ -160,6 +160,7 @@ class NewtonCradleEnv(gym.Env[np.ndarray, np.ndarray]):
         settings, posterior = self.settings.for_episode(options)
         super().reset(seed=seed)
         cradle, angle = settings.drawn(self.np_random, posterior)
+        self._ready = False  # a refusal leaves no episode
         self._episodes.begin(0, settings, cradle, angle)
         self._ready = self._begun = True
         if self._view is not None:

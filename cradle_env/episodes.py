@@ -13,8 +13,9 @@ import numpy as np
 from cradle_env.cradle import Cradle
 from cradle_env.mechanics import control, events, restitution
 from cradle_env.mechanics import parameters as p
+from cradle_env.records import records
 from cradle_env.settings import Settings
-from cradle_env.simulation import EXHAUSTED, SimulationError, check_rest, impact_rows, records
+from cradle_env.simulation import EXHAUSTED, SimulationError, check_rest, impact_rows
 from cradle_env.spaces import largest
 from cradle_env.synchronization import ENVELOPE_PERIODS, FLOOR, WINDOW
 
@@ -89,6 +90,7 @@ class Episodes:
         self._widen(width)
         for own, saved in zip((*self.arrays()[:-1], self.ring[:, :width]), arrays, strict=True):
             own[:] = saved
+        self.episodes["largest"] = self._largest  # what is shown here, whatever was shown there
         self.of = list(of)
         self._find_forces()
 

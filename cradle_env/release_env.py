@@ -85,7 +85,7 @@ class NewtonCradleReleaseEnv(gym.Env[np.ndarray, np.ndarray]):
             if name in settings:
                 raise TypeError(f"{name} is a setting of NewtonCradle-v0; here nothing is controlled, so leave it out")
         self.settings = Settings.of(**settings)
-        check_duration(self.settings.duration)
+        check_duration(self.settings.duration, _SAMPLE_RATE)
         sample_times(self.settings.duration, _SAMPLE_RATE)
         fastest = Cradle(length=self.settings.narrowest().length, gravity=self.settings.widest().gravity)
         half_window(fastest.period, 1.0 / _SAMPLE_RATE)

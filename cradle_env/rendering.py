@@ -11,8 +11,9 @@ from pathlib import Path
 import numpy as np
 from gymnasium.error import DependencyNotInstalled
 
-from cradle_env.cradle import Cradle
+from cradle_env.cradle import Cradle, InitialState
 from cradle_env.errors import check_range
+from cradle_env.records import records
 from cradle_env.synchronization import FLOOR, newton_exponent
 from cradle_env.trajectory import Trajectory
 
@@ -82,23 +83,19 @@ def extent(cradle: Cradle) -> tuple[float, float]:
     return float(np.abs(cradle.pivots).max() + reach + cradle.radius), length + cradle.radius
 
 
-def load(cradle: Cradle, r: np.ndarray) -> np.ndarray:
-    """Tension of the strings over that at rest, at radii r [m], of any shape; 1 if they are rigid.
-
-    This is their first loading: with hysteresis, times the `tension_ratio` that they have (see `InitialState`).
-    """
-    if not cradle.has("radial_elasticity"):
-        return np.ones_like(r)
-    a, r0 = cradle.pivot_half_spacing, cradle.length
-    at_rest = cradle.mass * cradle.gravity * np.hypot(r0, a) / (4.0 * cradle.kappa * r0)
-    return np.maximum(np.hypot(r, a) - np.hypot(r0, a), 0.0) / at_rest
-
-
-def _loads(run: Trajectory) -> np.ndarray:
-    """Tension of the strings over that at rest, (T, N), with the memory they have of their loading."""
-    line = load(run.cradle, run.r)
+def loads(run: Trajectory) -> np.ndarray:
+    """Tension of the strings over that at rest, (T, N), with the memory they have of their loading; 1 if they are
+    rigid."""
+    if not run.cradle.has("radial_elasticity"):
+        return np.ones_like(run.r)
+    bobs = records(run.cradle)[1]
+    unstretched = bobs["string"] + bobs["creep"] * np.log1p(run.t)[:, None]
+    stretch = np.maximum(np.hypot(run.r, bobs["half_spacing"]) - unstretched, 0.0)
+    line = bobs["kappa"] * stretch * bobs["grip"] / (bobs["mass"] * run.cradle.gravity)  # as at the first loading
     loads = line.copy()
+    ratio = run.release.tension_ratio if isinstance(run.release, InitialState) else None
     if run.cradle.has("string_hysteresis"):
+        loads[0] *= 1.0 if ratio is None else ratio
         for k in range(1, len(line)):
             # Loading adds what the line adds; unloading goes as the square of the stretch, and so of the line.
             share = np.divide(line[k], line[k - 1], out=np.zeros_like(line[k]), where=line[k - 1] > 0.0)
@@ -122,8 +119,8 @@ def scenes(run: Trajectory, fps: float = 30.0, speed: float = 1.0) -> Iterator[S
     check_range("speed", speed, "", 0.0, above=True)
     cradle, t, sigma = run.cradle, run.t, run.sigma()
     times = np.arange(t[0], t[-1] + 1e-9, speed / fps)
-    of_run = (run.x(), run.theta, run.r, _loads(run))
-    x, theta, r, loads = (np.array([np.interp(times, t, bob) for bob in column.T]).T for column in of_run)
+    of_run = (run.x(), run.theta, run.r, loads(run))
+    x, theta, r, tensions = (np.array([np.interp(times, t, bob) for bob in column.T]).T for column in of_run)
     z = -r * np.cos(theta) if cradle.has("large_angle") else -r
     held = extent(cradle)
     for k, time in enumerate(times):
@@ -134,7 +131,7 @@ def scenes(run: Trajectory, fps: float = 30.0, speed: float = 1.0) -> Iterator[S
             x=x[k],
             z=z[k],
             radius=cradle.radius,
-            load=loads[k],
+            load=tensions[k],
             contact=contact(run.impacts, cradle.bobs, time, FADE * speed),
             sigma_times=t[:past],
             sigma=sigma[:past],
@@ -372,8 +369,8 @@ def save_animation(frames: Iterable[np.ndarray], path: str | Path, fps: float = 
     ending = path.suffix.lower()
     if ending not in _WRITERS:
         raise ValueError(f"{path.name} is no film that can be written; it must end in {' or '.join(_WRITERS)}")
-    # Viewers show a GIF's frames for 2 hundredths of a second at least.
-    check_range("fps", fps, "1/s", 0.0, 50.0 if ending == ".gif" else np.inf, above=True)
+    # Theirs count hundredths of a second in two bytes, and are shown for 2 at least.
+    check_range("fps", fps, "1/s", *((1.0 / 655.0, 50.0) if ending == ".gif" else (1e-3, np.inf)))
     part = path.with_name(f"{path.stem}.part{ending}")
     try:
         _WRITERS[ending](iter(frames), part, fps)

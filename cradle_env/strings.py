@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from cradle_env.cradle import Cradle
-from cradle_env.simulation import records
+from cradle_env.records import records
 
 
 def string_tension(cradle: Cradle, stretches: np.ndarray) -> np.ndarray:

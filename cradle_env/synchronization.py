@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 #: Width of the centred window of the envelopes, in small-angle periods.
@@ -23,7 +25,7 @@ def sigma(t: np.ndarray, theta_n: np.ndarray, theta0: float | np.ndarray, period
     if len(t) < 2:
         raise ValueError(f"σ needs evenly spaced times; there {'is but one' if len(t) else 'are none'}")
     step = (t[-1] - t[0]) / (len(t) - 1)
-    if not np.allclose(np.diff(t), step, rtol=1e-6):
+    if step <= 0.0 or not np.allclose(np.diff(t), step, rtol=1e-6):
         raise ValueError("σ needs evenly spaced times; sample with sample_rate")
     half = half_window(period, step)
     upper = maximum_filter1d(theta_n, 2 * half + 1, axis=-1, mode="nearest")
@@ -45,10 +47,12 @@ def window_of(t: np.ndarray) -> list[float]:
     return [WINDOW[0], float(min(WINDOW[1], t[-1]))]
 
 
-def check_duration(duration: float) -> None:
-    """ValueError where a run of this duration [s] is too short for λ."""
-    if duration <= WINDOW[0]:
-        raise ValueError(f"duration is {duration:g} s; λ takes more than {WINDOW[0]:g} s, so simulate longer")
+def check_duration(duration: float, sample_rate: float = math.inf) -> None:
+    """ValueError where a run of this duration [s], sampled at sample_rate [1/s], is too short for λ."""
+    if duration <= WINDOW[0] or duration < WINDOW[0] + 1.0 / sample_rate - 1e-9:
+        raise ValueError(
+            f"duration is {duration:g} s; λ takes more than {WINDOW[0]:g} s by a sample, so simulate longer"
+        )
 
 
 def newton_exponent(t: np.ndarray, sigma: np.ndarray, window: tuple[float, float] = WINDOW) -> float | np.ndarray:

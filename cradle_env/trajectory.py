@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cradle_env.cradle import Cradle, InitialState, Release
+from cradle_env.records import records
 from cradle_env.synchronization import WINDOW, newton_exponent, sigma
 
 #: One row per pair of an impact: time [s], pair (i: bobs i and i + 1), approach speed [m/s], energy taken [J]; what
@@ -92,8 +93,8 @@ class Trajectory:
 
     def swing_energy(self) -> np.ndarray:
         """Kinetic energy, and potential over that of bobs that hang at the same r [J], shape (T,); see `energy`."""
-        energy = self.energy()
-        return energy.kinetic + energy.gravity + self.cradle.mass * self.cradle.gravity * self.r.sum(axis=1)
+        energy, weights = self.energy(), records(self.cradle)[1]["mass"] * self.cradle.gravity
+        return energy.kinetic + energy.gravity + self.r @ weights
 
     def energy(self) -> Energy:
         """The energy ledger; ValueError if the run did not keep it."""

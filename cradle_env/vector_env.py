@@ -111,7 +111,9 @@ class NewtonCradleVectorEnv(VectorEnv):
         """Puts episode k before its release."""
         settings, posterior = self._each[k].for_episode(options)
         cradle, angle = settings.drawn(self._generator(k), posterior)
+        ready, self._ready = self._ready, False  # a refusal leaves no episode
         self._episodes.begin(k, settings, cradle, angle)
+        self._ready = ready
         self._steps[k] = 0
         if self._views:
             self._views[k].begin()

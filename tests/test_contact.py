@@ -5,7 +5,7 @@ import time
 import numpy as np
 import pytest
 
-from cradle_env import Cradle, Release, contact_times, restitution_curve, simulate
+from cradle_env import Cradle, InitialState, Release, contact_times, restitution_curve, simulate
 from cradle_env.mechanics.parameters import PROGRESS
 from cradle_env.simulation import SimulationError, prepare
 from identification.bench import scipy_peer
@@ -298,6 +298,25 @@ def test_a_stall_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("cradle_env.simulation.prepare", stopped)
     with pytest.raises(SimulationError, match=r"the run stopped at .* s of 600 s: more impacts at one instant"):
         simulate(Cradle(bobs=5), RELEASE, 600.0)
+
+
+def test_contact_times_are_those_of_contacts_followed_in_time() -> None:
+    cradle = Cradle(bobs=2, model="pendulum", b=0.0, effects={"contact_duration": {"scale": 2.0}})
+    speed, half = 0.5, 1e-6
+    start = InitialState(np.array([0.0, half]), np.array([speed / 0.3, 0.0]))
+    run = simulate(cradle, start, times=np.arange(0.0, 1e-3, 1e-7))
+    touching = run.t[run.gaps()[:, 0] < 0.0]
+    # By eq. 1 a contact ends where its force does, which is before the gap opens: by 0.8 % here.
+    assert touching[-1] - touching[0] == pytest.approx(contact_times(cradle, np.array([speed]))[0], rel=0.02)
+
+
+@pytest.mark.parametrize("added", [0.1, 1.0])
+def test_added_mass_is_in_the_restitution(added: float) -> None:
+    cradle = Cradle(bobs=2, model="pendulum", b=0.0, effects={"added_mass": {"mass": added}})
+    run = simulate(cradle, Release(angle=0.1), times=np.array([0.0, 0.6]))
+    speed = run.impacts["speed"][:1]
+    lost = run.impacts["loss"][0] / ((cradle.mass + added) / 4 * speed[0] ** 2)
+    assert np.sqrt(1 - lost) == pytest.approx(restitution_curve(cradle, speed)[0], abs=1e-9)
 
 
 @pytest.mark.parametrize("scale", [0.1, 1.0, 3.0])

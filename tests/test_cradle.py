@@ -136,6 +136,9 @@ def test_ninety_bobs_pressed_together() -> None:
         (Release(angles={0: 0.1}), "release names bob 0"),
         (Release(angle=1.6), "release angle is 1.6 rad; on strings it must be at most 1.5 rad"),
         (Release(angles={2: 0.2}), "bobs overlap by .* at the release"),
+        (Release(angle=-0.3), "bobs overlap by .* outwards"),  # beyond where they would only have passed the last
+        (Release(angles={2: 0.3, 3: 0.1}), "bobs overlap by .* at the release"),
+        (InitialState(np.array([0.3, -0.1, 0.0]), np.zeros(3)), "bobs overlap by .* side by side"),
         (InitialState(theta=np.zeros(2), theta_dot=np.zeros(3)), "initial theta must be 3 finite numbers"),
         (InitialState(theta=np.zeros(3), theta_dot=np.full(3, np.nan)), "initial theta_dot"),
         (InitialState(theta=np.zeros(3), theta_dot=np.zeros(3), r=np.ones(4)), "initial r must"),
@@ -313,6 +316,20 @@ def test_lifted_neighbours_do_not_overlap(model: str, delta: float, count: int) 
     # They are spread about the angle stated, by half the overlap each.
     assert run.theta[0, 5 - count :].mean() == pytest.approx(0.5, abs=0.02)
     assert np.all(np.diff(run.theta[0, 5 - count :]) > 0)
+
+
+def test_a_string_just_straight_that_is_let_in_is_slack() -> None:
+    """At r0, moving inwards: the bob falls freely until its strings are straight again."""
+    still = np.zeros(1)
+    cradle = Cradle(bobs=1, b=0.0)
+    run = simulate(cradle, InitialState(still, still, np.array([0.3]), np.array([-0.1])), 0.015, 2000.0)
+    np.testing.assert_allclose(run.r[:, 0], 0.3 - 0.1 * run.t + 0.5 * 9.81 * run.t**2, rtol=0, atol=1e-12)
+
+
+def test_a_row_that_all_but_touches_is_no_stall() -> None:
+    """N (N − 1)/2 impacts within some 10 ms, as every bob must meet every other's momentum: far more than 2000."""
+    run = simulate(Cradle(bobs=80, delta=1e-5, model="pendulum"), Release(angle=0.228), 0.4, ledger=False)
+    assert len(run.impacts) >= 80 * 79 // 2
 
 
 def test_a_state_goes_on() -> None:

@@ -49,6 +49,14 @@ def test_energy_never_grows_on_elastic_strings(bobs: int, delta: float) -> None:
     np.testing.assert_allclose(free, free[0], rtol=0, atol=1e-8)
 
 
+@pytest.mark.parametrize("effects", [{}, {"length_mismatch": {"relative": [0.05, -0.05]}}], ids=["equal", "uneven"])
+def test_bobs_that_hang_have_no_energy_of_swinging(effects: dict) -> None:
+    cradle = Cradle(bobs=2, delta=0.05, effects={"mass_mismatch": {"relative": [0.3, -0.3]}, **effects})
+    hanging = simulate(cradle, Release(angles={1: 0.0}, start="hanging"), 0.5)
+    # A joule of each, m g r, is known to some 1e-16 of it.
+    np.testing.assert_allclose(hanging.swing_energy(), 0.0, atol=1e-12)
+
+
 @CASES
 @pytest.mark.parametrize("effects", [ELASTIC, {}], ids=["elastic", "hysteretic"])
 def test_what_is_taken_never_comes_back(bobs: int, delta: float, effects: dict) -> None:

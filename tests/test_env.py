@@ -834,8 +834,38 @@ def test_the_release_leaves_something_to_synchronize_with(told: dict, message: s
 
 
 def test_the_release_takes_longer_than_a_second() -> None:
-    with pytest.raises(ValueError, match=r"duration is 0\.5 s; λ takes more than 1 s"):
-        NewtonCradleReleaseEnv(duration=0.5)
+    """Only from the first sample beyond it on is there a λ; without any the reward was the largest there is."""
+    for duration in (0.5, 1.0, 1.004):
+        with pytest.raises(ValueError, match=rf"duration is {duration:g} s; λ takes more than 1 s"):
+            NewtonCradleReleaseEnv(duration=duration)
+    env = NewtonCradleReleaseEnv(bobs=2, duration=1.0042)
+    env.reset(seed=0)
+    assert env.step(np.zeros(2))[1] < 1.0
+
+
+def test_a_reset_that_is_refused_leaves_no_episode() -> None:
+    """A hundred bobs pressed together have no common rest, which shows only as they are to be put there."""
+    env = NewtonCradleEnv(bobs=100)
+    many = gym.make_vec("NewtonCradle-v0", num_envs=2, bobs=100)
+    for one, action in ((env, np.zeros(2)), (many, np.zeros((2, 2)))):
+        one.reset(seed=0)
+        one.step(action)
+        with pytest.raises(ValueError, match="no common rest"):
+            one.reset(options={"delta": -0.02})
+        with pytest.raises(ResetNeeded):
+            one.step(action)
+        one.reset()
+        one.step(action)
+
+
+def test_observations_stay_in_the_space_of_the_environment_that_shows_them() -> None:
+    """Strings so soft that bobs hang at twice their length, which only an environment of longer ones shows."""
+    wide, narrow = NewtonCradleEnv(bobs=1, length=(0.3, 1.0), kappa=2.0), NewtonCradleEnv(bobs=1, kappa=2.0)
+    wide.reset(seed=0, options={"length": 0.3})
+    narrow.reset(seed=0)
+    narrow.set_state(wide.get_state())
+    for _ in range(30):
+        assert narrow.observation_space.contains(narrow.step(np.zeros(2))[0])
 
 
 @pytest.mark.parametrize("value", [5, 5.0, "5", np.int64(5)])

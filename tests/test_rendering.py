@@ -12,8 +12,8 @@ import pytest
 from gymnasium.error import DependencyNotInstalled
 from PIL import Image
 
-from cradle_env import Cradle, Release, simulate
-from cradle_env.rendering import Canvas, Scene, contact, extent, load, save_animation, scenes, text
+from cradle_env import Cradle, InitialState, Release, simulate
+from cradle_env.rendering import Canvas, Scene, contact, extent, loads, save_animation, scenes, text
 from cradle_env.trajectory import IMPACT
 
 
@@ -119,11 +119,16 @@ def test_pressed_and_spread_pivots_look_different():
 
 
 def test_tension_at_rest_is_one_on_first_loading_and_after_many(run):
-    cradle = run.cradle
-    hanging = simulate(cradle, Release(angles={1: 0.0}, start="hanging"), duration=0.1)
-    np.testing.assert_allclose(load(cradle, hanging.r[0]), 1.0, rtol=1e-6)
-    assert load(cradle, np.array(cradle.length)) == 0.0
-    np.testing.assert_array_equal(load(Cradle(model="pendulum"), np.full(5, 0.3)), 1.0)
+    cradle, hanging = run.cradle, Release(angles={1: 0.0}, start="hanging")
+    np.testing.assert_allclose(loads(simulate(cradle, hanging, 0.1))[0], 1.0, rtol=1e-6)
+    assert loads(run)[0, -1] == 0.0  # lifted unstretched
+    np.testing.assert_array_equal(loads(simulate(Cradle(model="pendulum"), hanging, 0.1)), 1.0)
+    uneven = {"length_mismatch": {"relative": [0.01, 0.0, -0.02]}, "mass_mismatch": {"relative": [0.3, 0.0, -0.3]},
+              "string_creep": {"rate": 1e-3}}  # fmt: skip
+    resting = simulate(Cradle(bobs=3, delta=0.05, effects=uneven), hanging, 1.0)
+    np.testing.assert_allclose(loads(resting), 1.0, rtol=0.05)  # strings that creep let their bobs fall a little
+    spent = simulate(Cradle(bobs=1), InitialState(np.zeros(1), np.zeros(1), tension_ratio=np.full(1, 0.5)), 0.1)
+    assert loads(spent)[0] == pytest.approx(0.5)
     # The strings stay stretched by what they were loaded with, but in the mean they carry the weight.
     late = np.array([s.load for s in scenes(simulate(cradle, Release(angle=0.2), duration=10.0))])[-60:]
     np.testing.assert_allclose(late.mean(axis=0), 1.0, atol=0.03)

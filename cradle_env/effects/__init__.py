@@ -70,8 +70,10 @@ _EFFECTS = {effect.name: effect for effect in (*CATALOGUE, *LEARNED)}
 
 def register(effect: Effect) -> Effect:
     """Makes an effect from outside the package known by its name, here and in experiment files read hereafter."""
-    if any(effect.name == known.name for known in CATALOGUE):
+    if any(effect.name == known.name for known in (*CATALOGUE, *LEARNED)):
         raise ValueError(f"effect {effect.name!r} is in the catalogue already; choose another name")
+    if not effect.name.isidentifier():
+        raise ValueError(f"effect {effect.name!r} must have a name of letters, digits and _, with no digit first")
     if all(
         does is None
         for does in (effect.force, effect.apply, effect.gaps, effect.instants, effect.clock, effect.reading)

@@ -57,7 +57,7 @@ from cradle_env.mechanics.strings import stretch, turn, unstretched
 
 # What a run can end with.
 DONE, FULL, STALLED, NOT_FINITE, NO_REST = 0, 1, 2, 3, 4
-# So many events without this much progress [s] are a stall.
+# So many events of each bob without this much progress [s] are a stall: N bobs that all but touch meet N²/2 times.
 _STALL_EVENTS, _STALL_TIME = 2000, 1e-2
 _FIRST = np.int64(0)
 
@@ -93,7 +93,7 @@ def advance(cradle, bobs, table, S, W, until, times, motion, energy, impacts, co
         S[0, EVENTS] += meeting <= end or S[bob, DUE] != GRID  # a step of any length is headway
         if now - S[0, PROGRESS] > _STALL_TIME:
             S[0, EVENTS], S[0, PROGRESS] = 0.0, now
-        if S[0, EVENTS] > _STALL_EVENTS:
+        if S[0, EVENTS] > _STALL_EVENTS * len(bobs):
             return STALLED, count
         if meeting <= end:
             lo, hi, count = meet(cradle, bobs, table, S, W, p, times, motion, energy, impacts, count)

@@ -27,7 +27,8 @@ def _cache_folder() -> str | None:
     for source in sorted(here.glob("*.py")):
         digest.update(source.read_bytes())
     name = f"kernels-{digest.hexdigest()[:16]}"
-    user = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "cradle_env"
+    # Where nobody knows a home, "~" is a folder like any other, and not writable either.
+    user = Path(os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache")) / "cradle_env"
     for parent in (here / "__pycache__", user):
         try:
             folder = parent / name

@@ -30,7 +30,8 @@ def compiled(forces):
     """The compiled sum of ((force, number of parameters), ...), kept alive, for its address is in use."""
     total, offset = _nothing, 0
     for force, count in forces:
-        total = _sum_of(numba.njit(force), offset, count, total)
+        plain = getattr(force, "py_func", force)  # it may be compiled already
+        total = _sum_of(numba.njit(plain), offset, count, total)
         offset += count
 
     @numba.cfunc(USER_SIGNATURE)

@@ -30,6 +30,8 @@ _FIRST = np.int64(0)
 _ROUNDS, _AT_REST = 200, 1e-9
 # So often a release angle is raised; what is left falls at least by 1 - cos(angle) each time.
 _RAISES = 100
+# Radii by which neighbours may be said to overlap, as angles that are measured do, and are spread.
+SPREAD = 0.25
 
 
 @jit
@@ -70,9 +72,9 @@ def hang(cradle, bob, S, i, fx, fz):
 def at_rest(cradle, bobs, angles, hanging, S, W):
     """Fills S, at T0, with bobs at rest: lifted to angles (N,) [rad], the others (nan) in their common equilibrium.
 
-    A lifted bob starts at r0, its strings unstretched, or, with `hanging`, at its hanging length. Lifted
-    neighbours that would overlap are spread until they touch. Returns the largest remaining overlap [m]; inf where
-    no equilibrium was found that keeps the bobs in their order, as in long rows under high pressure.
+    A lifted bob starts at r0, its strings unstretched, or, with `hanging`, at its hanging length. Lifted neighbours
+    that would overlap a little are spread until they touch. Returns the largest remaining overlap [m]; inf where no
+    equilibrium was found that keeps the bobs in their order, as in long rows under high pressure.
     """
     n = len(bobs)
     for i in range(n):
@@ -143,8 +145,7 @@ def lift(cradle, bobs, lifted, angle, hanging, S, W, angles):
             return 0.0
         if lifted == n:
             return angle
-        gap, nx, _, _, _ = pair(cradle, bobs, first - 1, S[first, T0], S, START)
-        short = 2.0 * cradle.radius - math.copysign(gap + 2.0 * cradle.radius, nx)
+        short = overlap_of(cradle, bobs, S, first - 1)
         if short <= CONTACT:
             return angle
         angle += short / bobs[first].length
@@ -155,8 +156,8 @@ def lift(cradle, bobs, lifted, angle, hanging, S, W, angles):
 def moving(cradle, bobs, theta, theta_dot, r, r_dot, tension_ratio, S, W):
     """Fills S, at T0, with any motion: arrays (N,), rad, m and per second; r = nan is the hanging length.
 
-    tension_ratio: tension over that of the virgin loading line at the same stretch. Bobs that would overlap are
-    spread until they touch. Returns the largest remaining overlap [m].
+    tension_ratio: tension over that of the virgin loading line at the same stretch. Bobs that would overlap a
+    little are spread until they touch. Returns the largest remaining overlap [m].
     """
     for i in range(len(bobs)):
         S[i, MEETING], W[i, ACTIVE] = math.inf, 1.0
@@ -167,7 +168,7 @@ def moving(cradle, bobs, theta, theta_dot, r, r_dot, tension_ratio, S, W):
             S[i, START + 2] = r_dot[i] * sin + v * cos
             S[i, START + 3] = v * sin - r_dot[i] * cos
             s = stretch(bobs[i], S[i, T0], radius * radius)
-            if s < 0.0:
+            if s < 0.0 or (s == 0.0 and r_dot[i] < 0.0):
                 take_branch(bobs[i], S, i, SLACK, s, 0.0)
             elif cradle.hysteretic:
                 branch = LOADING if r_dot[i] >= 0.0 else UNLOADING
@@ -179,10 +180,14 @@ def moving(cradle, bobs, theta, theta_dot, r, r_dot, tension_ratio, S, W):
 
 @jit
 def spread(cradle, bobs, S, W):
-    """Turns neighbours that overlap, both with W[i, ACTIVE], away from each other until they touch.
+    """Turns neighbours that overlap a little, both with W[i, ACTIVE], away from each other until they touch.
 
-    Returns the largest overlap that remains [m].
+    Returns the largest overlap that remains [m]. A little: beyond what the spacer leaves too little room, SPREAD radii.
     """
+    for p in range(len(bobs) - 1):
+        lack = 2.0 * cradle.radius - (bobs[p + 1].pivot - bobs[p].pivot)
+        if overlap_of(cradle, bobs, S, p) > max(lack, 0.0) + SPREAD * cradle.radius:
+            return overlap_of(cradle, bobs, S, p)
     for _ in range(10000):
         worst = 0.0
         for p in range(len(bobs) - 1):
@@ -195,8 +200,15 @@ def spread(cradle, bobs, S, W):
             break
     overlap = 0.0
     for p in range(len(bobs) - 1):
-        overlap = max(overlap, -pair(cradle, bobs, p, S[p, T0], S, START)[0])
+        overlap = max(overlap, overlap_of(cradle, bobs, S, p))
     return overlap
+
+
+@jit
+def overlap_of(cradle, bobs, S, p):
+    """By how much bobs p and p + 1 overlap at the start [m], more than a diameter where they have changed places."""
+    gap, nx, _, _, _ = pair(cradle, bobs, p, S[p, T0], S, START)
+    return 2.0 * cradle.radius - math.copysign(gap + 2.0 * cradle.radius, nx)
 
 
 @jit
