@@ -45,6 +45,8 @@ def calibrate(
     max_steps = _checked_steps("max_steps", max_steps)
     steps = None if steps is None else _checked_steps("steps", steps)
     likelihood = Likelihood(experiment, workers=workers, parameters=parameters)
+    if not likelihood.unknowns:
+        raise ValueError("nothing is left to be inferred; name a parameter, or give what is uncertain a prior")
     for run in experiment.runs:
         check_unit(run, experiment.cradle_of(run))
     with TemporaryDirectory() as scratch:

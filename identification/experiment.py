@@ -57,9 +57,17 @@ class Experiment:
         """SHA-256 over its files: as they were read or, if made or changed in Python, as they would be saved."""
         return _digest(*(text.encode() for text in self.texts().values()))
 
-    def read_from(self, digest: str) -> Experiment:
-        """This experiment, as read from files of that digest; what `dataclasses.replace` makes of it has its own."""
+    @functools.cached_property
+    def text(self) -> str:
+        """Its experiment.toml, as it was read or would be saved."""
+        return self.texts()[FILE_NAME]
+
+    def read_from(self, digest: str, text: str | None = None) -> Experiment:
+        """This experiment, as read from files of that digest, and with that text; what `dataclasses.replace` makes of
+        it has its own."""
         vars(self)["digest"] = digest
+        if text is not None:
+            vars(self)["text"] = text
         return self
 
     def cradle_of(self, run: Run) -> Cradle:
@@ -94,7 +102,7 @@ class Experiment:
     @classmethod
     def _parse(cls, text: str, path: Path, data: bytes) -> Experiment:
         cradle, runs, infer, unknown, recorded = read_experiment(text, path)
-        return cls(cradle, runs, infer, unknown, path).read_from(_digest(data, *recorded))
+        return cls(cradle, runs, infer, unknown, path).read_from(_digest(data, *recorded), text)
 
     def save(self, directory: str | Path) -> Path:
         """Writes experiment.toml and its data into a folder, in SI units; the path of experiment.toml."""

@@ -70,6 +70,9 @@ def _read_model(table: Table, bobs: int) -> tuple[dict[str, Any], tuple[str, ...
     stated = table.table("parameters") if "parameters" in table else Table(table.name, table.text, {})
     with table.entry("effects"):
         changes = {name: effect(name.removeprefix("-")) for name in names}
+        for name in changes:
+            if f"-{name}" in changes:
+                raise ValueError(f"{name} is put in and taken out; leave out one of {name!r} and '-{name}'")
     for name in stated.values:
         with stated.entry(name):
             if f"-{name}" in changes:

@@ -78,7 +78,20 @@ def _named(function: FunctionType) -> dict[str, Any]:
     """What a function, and those within it, may name of its own module."""
     found = {name: function.__globals__[name] for name in _names(function.__code__) if name in function.__globals__}
     own = function.__module__
-    return {name: of for name, of in found.items() if isinstance(of, _DATA) or getattr(of, "__module__", "") == own}
+    told = {name: of for name, of in found.items() if isinstance(of, _DATA) or getattr(of, "__module__", "") == own}
+    return {name: _members(of) if isinstance(of, type) else of for name, of in told.items()}
+
+
+def _members(kind: type) -> dict[str, Any]:
+    """What the methods and properties of a class do, with those that it inherits within its module."""
+    classes = [one for one in kind.__mro__ if one.__module__ == kind.__module__]
+    found = [item for one in reversed(classes) for item in vars(one).items()]
+    told: dict[str, Any] = {}
+    for name, of in found:
+        several = (of.fget, of.fset) if isinstance(of, property) else (getattr(of, "__func__", of),)
+        if functions := [one for one in several if isinstance(one, FunctionType)]:
+            told[name] = functions
+    return told
 
 
 def _names(code: CodeType) -> Iterator[str]:

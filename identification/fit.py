@@ -322,7 +322,8 @@ def mode_at(likelihood: Likelihood, point: np.ndarray, J: np.ndarray) -> Mode:
     information = (J * weight[:, None] ** 2).T @ J
     for i, u in enumerate(likelihood.unknowns):
         if u.name.startswith("noise@"):
-            information[i, i] = 2.0 * parts[-1].stop / len(parts)
+            part = parts[int(u.name.partition("@")[2]) - 1]
+            information[i, i] = 2.0 * (part.stop - part.start)
         # What the data leave open is as wide as its bounds allow.
         open_width = min(u.high - u.low, 10.0 * max(u.search, abs(u.start), 1e-3)) if not u.log else 5.0
         information[i, i] += 1.0 / open_width**2

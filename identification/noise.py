@@ -23,11 +23,18 @@ def noise_of(run: Run) -> float:
     return estimated_noise(run) if run.noise is None else run.noise
 
 
-def gap_of_noise(runs: Sequence[Run], rows: Sequence[np.ndarray]) -> float:
+def gap_of_noise(
+    runs: Sequence[Run], rows: Sequence[np.ndarray], inflations: Sequence[float] | None = None
+) -> float:  # fmt: skip
     """The RMS over the noise that noise alone passes once in a hundred times, in these rows (T,) of each run; 1 where
-    there is no reading."""
-    count = sum(int(np.sum(~np.isnan(run.readings[some]))) for run, some in zip(runs, rows, strict=True))
-    return math.sqrt(chi2.isf(0.01, count) / count) if count else 1.0
+    there is no reading. inflations: of each run, 1 where omitted. Of noise that keeps ρ of itself n squares scatter as
+    n (1 − ρ²)/(1 + ρ²) of white noise do."""
+    counts = [int(np.sum(~np.isnan(run.readings[some]))) for run, some in zip(runs, rows, strict=True)]
+    if not any(counts):
+        return 1.0
+    scatter = sum(n * (f**2 + 1.0) / (2.0 * f) for n, f in zip(counts, inflations or [1.0] * len(counts), strict=True))
+    count = sum(counts) ** 2 / scatter
+    return math.sqrt(chi2.isf(0.01, count) / count)
 
 
 def estimated_noise(run: Run) -> float:
@@ -36,7 +43,8 @@ def estimated_noise(run: Run) -> float:
 
     The median makes it blind to impacts. Readings smoothed by their instrument look less noisy than they are.
     """
-    scatter = [s for s in (_scatter(run.times, column) for column in run.readings.T) if s > 0.0]
+    rows = run.fitted  # before, a hand may hold the bobs
+    scatter = [s for s in (_scatter(run.times[rows], column) for column in run.readings[rows].T) if s > 0.0]
     if not scatter:
         raise ValueError(f"{run.file}: the noise cannot be estimated from so few or so coarse readings; state noise")
     return float(np.mean(scatter))

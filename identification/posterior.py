@@ -123,7 +123,7 @@ class Posterior:
         """ "large" where a gap is beyond MISFIT_GAP and beyond chance; "small" where it is only beyond chance, as can
         be said of stated noise; else "none"."""
         (train, held), gap = training_rows(self.experiment), self.gap
-        allowed = gap_of_noise(self.experiment.runs, train), gap_of_noise(self.experiment.runs, held)
+        allowed = [gap_of_noise(self.experiment.runs, rows, self.likelihood.inflations) for rows in (train, held)]
         pairs = (gap.train, allowed[0]), (gap.held_out, max(allowed[1], gap.allowed))
         if any(found > max(MISFIT_GAP, chance) for found, chance in pairs):
             return "large"
@@ -152,7 +152,7 @@ class Posterior:
         return np.asarray(self.unknowns[k].value(self.chain[..., k].ravel()))
 
     def draws(self, count: int) -> np.ndarray:
-        """`count` points spread evenly over the samples (the same ones each time), shape (count, D)."""
+        """`count` points drawn from the samples (the same ones each time), shape (count, D)."""
         flat = self.chain.reshape(-1, self.chain.shape[-1])
         rng = np.random.default_rng(self.seed)
         return flat[rng.choice(len(flat), size=count, replace=count > len(flat))]
@@ -174,8 +174,9 @@ class Posterior:
     @property
     def synchronizes(self) -> bool:
         """Whether the first run's bobs have something to synchronize with, so that there is a λ."""
+        release = self.release()
         try:
-            self.release().check_synchronizes(self.experiment.cradle)
+            release.check_synchronizes(self.experiment.cradle)
         except ValueError:
             return False
         return True

@@ -83,7 +83,7 @@ def calibration_html(posterior: Posterior, summary: Mapping[str, Any], pictures:
         pictures=[
             (*_CAPTIONS[name], base64.b64encode(pictures[name]).decode()) for name in _CAPTIONS if name in pictures
         ],
-        experiment_text=_experiment_text(posterior),
+        experiment_text=posterior.experiment.text,
         versions=[("Python", platform.python_version()), *((name, metadata.version(name)) for name in _PACKAGES)],
     )
 
@@ -122,11 +122,3 @@ def _rms_rows(posterior: Posterior) -> list[tuple[str, str, str, str]]:
                 where = part.replace("_", " ").replace("train", "fitted")
                 rows.append((where, str(bob) if bob else "all", number(1e3 * angle), number(1e3 * angle * length)))
     return rows
-
-
-def _experiment_text(posterior: Posterior) -> str:
-    """The experiment file as it was read, or as it would be saved."""
-    path = posterior.experiment.path
-    if path is not None and path.is_file():
-        return path.read_text(encoding="utf-8-sig")
-    return posterior.experiment.texts()["experiment.toml"]

@@ -147,6 +147,7 @@ class Run:
                 f"{window} leaves no usable rows:"
                 f" the readings of {self.file} lie between {seen[0]:g} and {seen[-1]:g} s; widen the window"
             )
+        object.__setattr__(self, "fit_from", max(start, float(seen[0])))  # from there on there is something to fit
 
     @property
     def fitted(self) -> np.ndarray:
@@ -172,8 +173,10 @@ class Run:
 
     @property
     def bobs_seen(self) -> tuple[int, ...]:
-        """Numbers of the bobs with at least one reading."""
-        return tuple(int(i) + 1 for i in np.flatnonzero(~np.isnan(self.readings).all(axis=0)))
+        """Numbers of the bobs with at least one reading that is fitted or held out."""
+        return tuple(
+            int(i) + 1 for i in np.flatnonzero(~np.isnan(self.readings[self.fitted | self.held_out]).all(axis=0))
+        )
 
 
 #: Fields of Cradle that can be inferred.

@@ -6,7 +6,7 @@ import math
 import os
 import shutil
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -29,6 +29,8 @@ _CHECKPOINT = 8.0
 # Steps after which the proposals are adapted to the chains; samples before the last of them are burn-in, for a chain
 # must not adapt to itself. There is no verdict before the first.
 _ADAPTATIONS = (40, 240)
+#: The steps between the first verdicts.
+_JUDGED = 20
 #: The walkers start this many times as wide as the mode: from outside in.
 _OVERDISPERSION = 1.5
 
@@ -204,19 +206,21 @@ def sample(
 ) -> Convergence:
     """Samples until converged, or exactly to `steps` in total, at most to `max_steps`; goes on where it stopped.
 
-    After every stretch the chains are on disk. Random numbers depend on the seed and the step alone, so that a
-    resumed chain is the uninterrupted one.
+    After every stretch the chains are on disk. Random numbers depend on the seed and the step alone, and a chain ends
+    at one of `judged` alone, so that a resumed chain is the uninterrupted one, on a slow machine as on a fast one.
     """
     goal = max_steps if steps is None else steps
     stretch, done, began, first = 4, checkpoint.steps(), time.monotonic(), checkpoint.steps()
     while True:
-        verdict = convergence(checkpoint.read()) if done else None
-        if done >= goal or (steps is None and verdict is not None and verdict.converged):
-            assert verdict is not None
-            return verdict
+        following = next(step for step in judged() if step >= done)
+        if done >= goal or (steps is None and done == following):
+            verdict = convergence(checkpoint.read())
+            if done >= goal or verdict.converged:
+                return verdict
+            following = next(step for step in judged() if step > done)
         if done in _ADAPTATIONS:
             checkpoint.adapt(done)
-        ahead = [goal, *(step for step in _ADAPTATIONS if step > done)]
+        ahead = [goal, *([following] if steps is None else []), *(step for step in _ADAPTATIONS if step > done)]
         stretch = min(stretch, *(step - done for step in ahead))
         start = time.monotonic()
         _advance(likelihood, checkpoint, done, stretch)
@@ -224,6 +228,14 @@ def sample(
         took = time.monotonic() - start
         stretch = max(1, min(4 * stretch, round(stretch * _CHECKPOINT / max(took, 1e-3))))
         _tell(progress, likelihood, checkpoint, goal, steps, done, done - first, time.monotonic() - began)
+
+
+def judged() -> Iterator[int]:
+    """The steps after which it is asked whether chains have converged: every 20, later every tenth part more."""
+    step = _JUDGED
+    while True:
+        yield step
+        step += _JUDGED * max(1, step // (10 * _JUDGED))
 
 
 def _tell(progress, likelihood, checkpoint, goal, steps, done, new, seconds) -> None:
@@ -297,9 +309,9 @@ def convergence(chains: Chains) -> Convergence:
     series = np.concatenate([chains.chain, chains.newton_exponent[..., None]], axis=-1)
     varying = np.isfinite(series).all(axis=(0, 1, 2)) & (series.std(axis=(0, 1, 2)) > 0.0)
     series = series[..., varying]
-    if S <= _ADAPTATIONS[0] + 4 or series.shape[-1] == 0:
+    adapted = max((step for step in _ADAPTATIONS if step < S), default=S)
+    if S - adapted <= 4 or series.shape[-1] == 0:
         return Convergence(False, math.nan, 0.0, math.nan, S, S // 2, ("too few steps to tell",))
-    adapted = max(step for step in _ADAPTATIONS if step < S)
     tau = _autocorrelation(series[:, min(max(S // 5, adapted), S // 2) :])
     burn = max(adapted, min(S // 2, max(S // 5, math.ceil(2.0 * tau))))
     kept = series[:, burn:]

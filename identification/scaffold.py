@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 import os
 from collections.abc import Iterable, Mapping
@@ -22,6 +23,8 @@ _ANGLE_SD, _LENGTH_SD = 0.002, 0.5
 #: Parts of its way to rest that a bob has gone while it still counts as held, and once it surely swings; and how many
 #: times as long as from one to the other it may take to the first if it is let go at once: on a cosine 0.76.
 _STILL, _SWINGS, _AT_ONCE = 0.1, 0.5, 1.5
+#: Times [s] nearer 0 than this are those of the release.
+_NOW = 0.05
 
 
 def scaffold(data_csv: Path, out: Path | None = None, *, overwrite: bool = False) -> Path:
@@ -70,7 +73,12 @@ def scaffold_text(recording: Recording, file: str) -> str:
     length = default.length
     if recording.quantity == "x" and widest < 2.0:  # beyond, the unit is wrong, and is refused
         length = max(length, math.ceil(150.0 * widest) / 100.0)
-    lifted = _lifted(recording, moved, widest)
+    lifted, before = _lifted(recording, moved, widest), recording.times < -_NOW
+    if lifted and before.any():  # what follows is of the motion
+        recording, moved = dataclasses.replace(
+            recording, times=recording.times[~before], readings=recording.readings[~before],
+            lines=recording.lines[~before],
+        ), moved[~before]  # fmt: skip
     angles = {
         bob: math.asin(min(max(x / length, -1.0), 1.0)) if recording.quantity == "x" else x for bob, x in lifted.items()
     }
@@ -81,6 +89,10 @@ def scaffold_text(recording: Recording, file: str) -> str:
     held = _held(recording, moved, lifted) if steepest <= 1.5 else None
     rest = "free" if recording.absolute else "known"
     unit = recording.unit
+    first = max(0.0, recording.times[0]) if angles else recording.times[0]
+    fit_from = f"# fit_from = {first:g}  # s; earlier data are not used: a messy release, say"
+    if held is not None or (angles and before.any()):
+        fit_from = f"fit_from = {0.0 if held is None else held[1]:g}  # s; earlier data are not used: the bobs are held"
     lines = [
         f"format = {toml_text(FORMAT)}",
         "",
@@ -104,9 +116,7 @@ def scaffold_text(recording: Recording, file: str) -> str:
         *_release_lines(angles, bobs, *_angle_sd(recording, lifted, length), held),
         "delta = 0.0  # gap between pivots over the diameter of a bob, less 1: 0 where bobs just touch at rest",
         f"# noise = {0.001 / recording.scale:.3g}  # {unit}, 1 sigma of one reading; inferred where omitted",
-        f"# fit_from = {max(0.0, recording.times[0]):g}  # s; earlier data are not used: a messy release, say"
-        if held is None
-        else f"fit_from = {held[1]:g}  # s; earlier data are not used: the bobs are held",
+        fit_from,
         f"# fit_to = {recording.times[-1]:g}  # s; later data are held out, to test predictions on",
         f'rest = "{rest}"  # "free" if the rest position of each bob in the file is uncertain',
         "",
@@ -120,18 +130,22 @@ def scaffold_text(recording: Recording, file: str) -> str:
 
 
 def _lifted(recording: Recording, moved: np.ndarray, widest: float) -> dict[int, float]:
-    """{bob: first reading} of those at rest far out when the run begins; empty if it was not seen to begin."""
-    if widest == 0.0 or not -0.05 <= recording.times[0] <= 0.05:
+    """{bob: first reading} of those at rest far out when the run begins, at t = 0, and held there before; empty if it
+    was not seen to begin."""
+    since = int(np.searchsorted(recording.times, -_NOW))
+    if widest == 0.0 or since == len(recording.times) or recording.times[since] > _NOW:
         return {}
     first = {}
-    for bob, column in enumerate(moved[:5].T, 1):
+    for bob, column in enumerate(moved[since : since + 5].T, 1):
         seen = column[~np.isnan(column)]
         if len(seen):
             first[bob] = float(seen[0])
     largest = max(map(abs, first.values()), default=0.0)
     if largest < 0.9 * widest:
         return {}
-    return {bob: x for bob, x in first.items() if abs(x) > 0.5 * largest}
+    lifted = {bob: x for bob, x in first.items() if abs(x) > 0.5 * largest}
+    gone = np.abs(moved[:since, [bob - 1 for bob in lifted]] / np.array([*lifted.values()]) - 1.0)
+    return lifted if np.max(gone, initial=0.0, where=~np.isnan(gone)) < _STILL else {}
 
 
 def _held(recording: Recording, moved: np.ndarray, lifted: Iterable[int]) -> tuple[float, float] | None:

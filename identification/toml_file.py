@@ -19,7 +19,7 @@ _LINE = re.compile(rf"\s*(?:(?P<open>\[\[?)\s*(?P<table>{_DOTTED})\s*\]|(?P<key>
 
 
 class Table:
-    """A table of a TOML file; values are taken out checked, and `finish` refuses what was not asked for."""
+    """A table of a TOML file; values are taken out checked, and `only` refuses what is not asked for."""
 
     def __init__(self, name: str, text: str, values: Mapping[str, Any], address: Address = ()):
         self.name, self.text, self.values, self.address = name, text, values, address

@@ -1,5 +1,6 @@
 """Experiments in: what loads, what comes back, and that everything else is refused in one line."""
 
+import dataclasses
 import math
 import re
 
@@ -145,6 +146,40 @@ def test_the_noise_is_told_from_the_swing(rate, missing, sigma):
     assert estimated_noise(Run(times, readings[:, None], state="free")) == pytest.approx(sigma, rel=0.2)
 
 
+def test_the_noise_is_that_of_what_may_be_fitted():
+    """Before, a hand holds the bob; later readings are held out, and choose nothing."""
+    rng = np.random.default_rng(1)
+    times = np.arange(-600, 1200) / 60.0
+    shaken = np.where((times < 0.0) | (times > 12.0), 0.03, 1e-3) * rng.standard_normal(len(times))
+    run = Run(times, (0.2 * np.sin(6.0 * times) + shaken)[:, None], state="free", fit_from=0.0, fit_to=12.0)
+    assert estimated_noise(run) == pytest.approx(1e-3, rel=0.2)
+
+
+def test_bobs_that_are_lost_before_the_window_are_not_seen():
+    readings = np.full((100, 2), 0.1)
+    readings[40:, 0] = np.nan
+    run = Run(np.arange(100) / 10.0, readings, state="free")
+    assert run.bobs_seen == (1, 2)
+    assert dataclasses.replace(run, fit_from=5.0).bobs_seen == (2,)
+
+
+def test_a_window_begins_with_the_first_reading():
+    """For from there on there is a first peak."""
+    run = Run(12.0 + np.arange(100) / 10.0, np.full((100, 1), 0.1), state="free", fit_from=0.0)
+    assert run.fit_from == 12.0
+
+
+def test_correlated_noise_passes_its_gap_once_in_a_hundred_times():
+    rho, n = 0.5, 200
+    run = Run(np.arange(n) / 60, np.full((n, 1), 0.1), state="free")
+    noise = correlated_noise((n, 20_000), -1.0 / np.log(rho), np.random.default_rng(3))
+    over = np.sqrt(np.mean(noise**2, axis=0))
+    limit = gap_of_noise((run,), [np.ones(n, bool)], [(1.0 + rho) / (1.0 - rho)])
+    # As white noise it would be passed by 4 %; a χ² of as many fewer readings is not quite theirs.
+    assert np.mean(over > limit) == pytest.approx(0.01, abs=0.003)
+    assert np.mean(over > gap_of_noise((run,), [np.ones(n, bool)])) > 0.03
+
+
 def test_noise_alone_passes_its_gap_once_in_a_hundred_times():
     run = Run(np.arange(60) / 60, np.where(np.arange(60) < 50, 0.1, np.nan)[:, None], state="free")
     noise = np.random.default_rng(3).standard_normal((40_000, 50))
@@ -211,6 +246,10 @@ REFUSED = {
     "delta list": (edit("noise = 0.001", "delta = [0.1]"), CSV, ["line 11", "1 values", "2 gaps"]),
     "base": (edit('"nsp"', '"nps"'), CSV, ["line 6", "nps", '"nsp"']),
     "effect": (edit("effects = []", 'effects = ["quadratic_darg"]'), CSV, ["line 7", "'quadratic_drag'"]),
+    "effect in and out": (
+        edit("effects = []", 'effects = ["quadratic_drag", "-quadratic_drag"]'), CSV,
+        ["line 7", "quadratic_drag is put in and taken out"],
+    ),
     "effect needs another": (edit('"nsp"\neffects = []', '"ho"\neffects = ["string_hysteresis"]'), CSV, ["requires"]),
     "effect value": (TOML + "[model.parameters]\nquadratic_drag = { c2 = -1 }", CSV, ["line 13", "c2 is -1 kg/m"]),
     "effect key": (TOML + "[model.parameters]\nquadratic_drag = { c3 = 1 }", CSV, ["line 13", "'c3'", "'c2'"]),

@@ -12,7 +12,7 @@ from cradle_env import CATALOGUE, Effect, Parameter
 from identification.files import ExperimentError
 from identification.fit import Mode
 from identification.likelihood import Jumps
-from identification.sample import Chains, Checkpoint, convergence, sample
+from identification.sample import Chains, Checkpoint, convergence, judged, sample
 from identification.unknowns import Unknown
 
 
@@ -82,6 +82,27 @@ def test_a_chain_of_another_seed_is_not_gone_on_with(tmp_path):
     chains(tmp_path, 60)
     with pytest.raises(ExperimentError, match="holds chains of seed 3, not 7"):
         chains(tmp_path, 60, seed=7)
+
+
+@pytest.mark.parametrize("steps", [41, 44, 45, 46, 240, 241, 242, 243, 244, 245, 246])
+def test_few_steps_after_an_adaptation_are_too_few_to_tell(tmp_path, steps):
+    """One step kept has no halves, and no number of steps may be a dead end."""
+    verdict, _ = chains(tmp_path, steps)
+    assert verdict.steps == steps
+    assert (verdict.reasons == ("too few steps to tell",)) == (steps - max(s for s in (0, 40, 240) if s < steps) <= 4)
+    assert chains(tmp_path, steps + 1)[0].steps == steps + 1
+
+
+def test_where_a_chain_ends_does_not_hang_on_how_fast_the_machine_is(tmp_path, monkeypatch):
+    ends = []
+    for seconds in (1e-6, 0.02, 100.0):
+        monkeypatch.setattr("identification.sample._CHECKPOINT", seconds)
+        folder = tmp_path / str(seconds)
+        folder.mkdir()
+        ends.append(chains(folder, None)[1].chain)
+    assert all(np.array_equal(ends[0], end) for end in ends[1:])
+    several = [step for step, _ in zip(judged(), range(60), strict=False)]
+    assert several[:11] == [*range(20, 240, 20)] and np.diff(several).max() < 0.12 * several[-1]
 
 
 def test_asking_for_the_total_again_adds_nothing(tmp_path):

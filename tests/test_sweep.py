@@ -109,6 +109,13 @@ def test_no_possible_point_is_refused():
         sweep(Grid({"delta": [-2.0, -1.0]}, PAIR, RELEASE))
 
 
+def test_a_sweep_of_no_possible_point_leaves_its_folder_free(tmp_path):
+    with pytest.raises(ValueError, match="none of the 1 points"):
+        sweep(Grid({"delta": [-2.0]}, PAIR, RELEASE), out=tmp_path)
+    assert not list(tmp_path.iterdir())
+    sweep(Grid({"delta": [0.0]}, PAIR, RELEASE), duration=2.0, out=tmp_path)
+
+
 @pytest.mark.parametrize(
     ("axes", "said"),
     [
@@ -338,6 +345,35 @@ def test_callables_are_told_apart_by_all_that_decides_their_results(monkeypatch)
     assert [fingerprint(measure) for measure in (beyond(1.0), Count(1.0))] == [told[1], told[4]]
     monkeypatch.setitem(globals(), "LEVEL", 0.2)
     assert fingerprint(at_level) != told[0]
+
+
+def peak(run) -> float:
+    return Peak(run).value
+
+
+class Extreme:
+    def __init__(self, run) -> None:
+        self.run = run
+
+    def of(self, bob: int) -> float:
+        return float(self.run.theta[:, bob].max())
+
+
+class Peak(Extreme):
+    @property
+    def value(self) -> float:
+        return self.of(0)
+
+
+@pytest.mark.parametrize("kind", [Extreme, Peak])
+def test_a_class_that_a_measure_names_is_told_by_what_it_does(kind, monkeypatch):
+    told = fingerprint(peak)
+    assert fingerprint(peak) == told
+    if kind is Peak:
+        monkeypatch.setattr(Peak, "value", property(lambda self: self.of(1)))
+    else:
+        monkeypatch.setattr(Extreme, "of", lambda self, bob: float(self.run.theta[:, bob].min()))
+    assert fingerprint(peak) != told
 
 
 def test_a_function_is_told_alike_in_every_process():

@@ -216,6 +216,28 @@ def test_a_scaffold_sees_that_a_bob_is_held_at_first(held, rate, length, tmp_pat
     assert run.state == "free" and held < run.fit_from < held + 0.15 * np.sqrt(length / 0.3) + 1.0 / rate
 
 
+@pytest.mark.parametrize("still", [True, False])
+def test_a_scaffold_sees_a_release_at_zero_in_data_that_begin_earlier(still, tmp_path):
+    data, (t, theta) = tmp_path / "data.csv", swung(0.2, 0.3, 60.0, 3.0)
+    if not still:  # it was moved there by hand
+        theta = np.where(t < 2.0, 0.1 * t, theta)
+    data.write_text(csv_of(t - 3.0, theta), encoding="utf-8")
+    (run,) = Experiment.load(scaffold(data)).runs
+    assert run.state == ("release" if still else "free")
+    assert run.fit_from == (pytest.approx(0.0, abs=0.02) if still else -3.0)
+
+
+def test_the_text_of_an_experiment_is_as_it_was_read(tmp_path):
+    data, (t, theta) = tmp_path / "data.csv", swung(0.2, 0.3, 60.0, 0.0)
+    data.write_text(csv_of(t, theta), encoding="utf-8")
+    path = scaffold(data)
+    experiment, text = Experiment.load(path), path.read_text(encoding="utf-8")
+    path.write_text(text.replace("mass", "# mass"), encoding="utf-8")
+    assert experiment.text == text
+    heavier = dataclasses.replace(experiment, cradle=experiment.cradle.replace(mass=0.5))
+    assert "mass = 0.5" in heavier.text
+
+
 def test_a_scaffold_refuses_what_would_not_load(tmp_path):
     data = tmp_path / "data.csv"
     data.write_text("t,theta_1,theta_2\n0,,\n1,,\n", encoding="utf-8")

@@ -78,10 +78,12 @@ def reproduce(
     check_own(out, _CLAIMS, _CLAIMS[0], CLAIMS_FORMAT)
     for name in todo:
         _check_folder(out / name)
-    # Named by the inputs: what an earlier program left unfinished is not gone on with.
-    scratch = {name: out / f".unfinished-{name}-{hashed[:12]}" for name, hashed in inputs.items()}
-    for stale in set(out.glob(".unfinished-*")) - set(scratch.values()):
-        shutil.rmtree(stale)
+    # Named by program and inputs: what another program left unfinished is not gone on with; other inputs' is kept.
+    own = program(())[:12]
+    scratch = {name: out / f".unfinished-{name}-{own}-{hashed[:12]}" for name, hashed in inputs.items()}
+    for left in out.glob(".unfinished-*"):
+        if f"-{own}-" not in left.name:
+            shutil.rmtree(left)
     for k, name in enumerate(todo):
         if _stamp(out / name).get("inputs") != inputs[name]:
             tell = lambda fraction, text, k=k, name=name: progress(  # noqa: E731

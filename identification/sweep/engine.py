@@ -68,6 +68,7 @@ def sweep(
 
 def _swept(plan: Plan, folder: Path, workers: int | None, executor: Any, progress: Progress | None) -> Swept:
     store = Store(folder, plan)
+    begun = store.done() > 0
     if executor is not None:
         _run(plan, store, executor, progress)
     else:
@@ -76,6 +77,8 @@ def _swept(plan: Plan, folder: Path, workers: int | None, executor: Any, progres
     swept = Swept(plan, store.open(), store.reasons)
     failures = swept.failures()
     if sum(failures.values()) == len(plan.grid):
+        if not begun:  # the folder is free for what is corrected
+            store.remove()
         raise ValueError(f"none of the {len(plan.grid)} points can be simulated: {next(iter(failures))}")
     return swept
 

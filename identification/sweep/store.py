@@ -105,6 +105,11 @@ class Store:
         content = {"format": FORMAT, "version": __version__, "inputs": self._digest, "reasons": self.reasons}
         write_together(self._plan.parent, {self._plan.name: json_text(content)})
 
+    def remove(self) -> None:
+        """Takes the files away."""
+        for file in (self.rows, self._plan):
+            file.unlink()
+
     def open(self, mode: Any = "r") -> np.ndarray:
         """The rows, (count,), mapped from the disk; those touched stay in memory only as long as this is held."""
         return np.load(self.rows, mmap_mode=mode)
