@@ -17,7 +17,7 @@ from pathlib import Path
 
 import numpy as np
 
-from .study import HELD_OUT, ROUNDS, STIFFENED, Apparatus, cases, held_out
+from .study import HELD_OUT, LATEST, ROUNDS, STIFFENED, Apparatus, cases
 from .study_errors import AGAIN
 from .study_errors import ROWS as AGAIN_ROWS
 from .study_rows import (
@@ -40,6 +40,10 @@ BINS = ((-math.inf, 35.0, "about 15"), (35.0, 100.0, "about 50"), (100.0, math.i
 _UNKNOWNS = ("k_f", "kappa", "b")
 #: Errors of fewer cases say nothing.
 FEWEST = 5
+#: The parts of the study, by their rounds; which are held out.
+PARTS = {"held out, by one commit": range(LATEST, ROUNDS), "held out": range(HELD_OUT, LATEST),
+         "looked at": range(HELD_OUT)}  # fmt: skip
+HELD = tuple(name for name, rounds in PARTS.items() if rounds.start >= HELD_OUT)
 #: How many cases of each of KINDS were planned in the rounds before HELD_OUT.
 EARLIER = (120, 180, 36, 48)
 
@@ -55,11 +59,12 @@ experiments of 45 s, one run each, one bob lifted, written by the soft-contact r
 none, or a force that is in no catalogue. Δχ² is what the best wrong model leaves of noiseless data over the right one.
 In brackets 95 % intervals.
 
-**Held out** are rounds {HELD_OUT} to {ROUNDS - 1}: nothing was chosen by looking at them, and each case is judged once.
-In rounds 0 to {HELD_OUT - 1} the procedure was made; of the odd ones, too, misses had been printed while its searches
-were mended. They were made by other code, that of the commits below: there Δχ² is what the best wrong model leaves by
-itself, frames that differ from their formula cannot be told from it, and bobs start unstretched, filmed without a frame
-missing, with white noise that the file states.
+**Held out** are rounds {HELD_OUT} to {ROUNDS - 1}: nothing was chosen by looking at them, and each case is judged once:
+those before {LATEST} while the procedure was still mended, those from {LATEST} on all by one commit, which tells best
+how often it is right now. In rounds 0 to {HELD_OUT - 1} the procedure was made; of the odd ones, too, misses had been
+printed while its searches were mended. They were made by other code, that of the commits below: there Δχ² is what the
+best wrong model leaves by itself, frames that differ from their formula cannot be told from it, and bobs start
+unstretched, filmed without a frame missing, with white noise that the file states.
 
 **Stated rightly** are lengths, masses, δ, how bobs start, and the noise where it is stated; k_f, κ and b, from which
 fits begin, are up to 15 % off, and the release by what the file says, 1 mrad. Half of the held-out cases start hanging,
@@ -193,10 +198,10 @@ def by_setting(rows: list[Row]) -> list[str]:
 
 
 @functools.cache
-def _planned() -> Counter[tuple[str, int]]:
-    """How many held-out cases there are to be, by kind and number of bobs."""
+def _planned(part: str) -> Counter[tuple[str, int]]:
+    """How many cases of a held-out part there are to be, by kind and number of bobs."""
     found: Counter[tuple[str, int]] = Counter()
-    for case in cases(list(range(HELD_OUT, ROUNDS))):
+    for case in cases([*PARTS[part]]):
         apparatus = Apparatus(case)
         name = KINDS[3 if apparatus.in_no_catalogue else len(case.kinds)]
         found[name, apparatus.bobs] += 1
@@ -206,7 +211,8 @@ def _planned() -> Counter[tuple[str, int]]:
 def done(parts: dict[str, list[Row]]) -> list[str]:
     """How much of the study is done."""
     lines = []
-    for (part, rows), planned in zip(parts.items(), (_planned(), None), strict=True):
+    for part, rows in parts.items():
+        planned = _planned(part) if PARTS[part].start >= HELD_OUT else None
         for name, earlier in zip(KINDS, EARLIER, strict=True):
             counts = Counter(row["bobs"] for row in rows if kind(row) == name)
             each = [f"{counts[n]} of {planned[name, n]}" if planned else counts[n] for n in (1, 2, 3, 5)]
@@ -274,9 +280,9 @@ def loaded(path: Path) -> Row:
 
 
 def _parted(rows: list[Row]) -> dict[str, list[Row]]:
-    """The cases by whether anything was chosen by them."""
-    return {name: [row for row in rows if held_out(row["case"]) == out]
-            for name, out in (("held out", True), ("looked at", False))}  # fmt: skip
+    """The cases by PARTS."""
+    rounds = {row["case"]: int(row["case"].partition("-")[0]) for row in rows}
+    return {name: [row for row in rows if rounds[row["case"]] in own] for name, own in PARTS.items()}
 
 
 def text(rows: list[Row], again: list[Row]) -> str:
@@ -284,15 +290,16 @@ def text(rows: list[Row], again: list[Row]) -> str:
     counted = [row for row in rows if not confounded(row)]
     parts = _parted(counted)
     shares = [summary(some) if some else {} for some in parts.values()]
-    lines = ((name, *(one.get(name, "–") for one in shares)) for name in shares[0] or shares[1])
+    lines = ((name, *(one.get(name, "–") for one in shares)) for name in next(filter(None, shares)))
     commits = ", ".join(f"{n} by {commit}" for commit, n in Counter(row["commit"] for row in rows).most_common())
     page = [HEAD, *table(("", *(f"{name}: {len(some)} cases" for name, some in parts.items())), lines)]
     page += ["Errors of the unknowns over their standard deviations, where the verdict is right: mean (≤ 0.2), rms",
              "(0.8 to 1.25), and in brackets of how many.\n", *errors(parts)]  # fmt: skip
     if again:
         page += [FILMED_AGAIN, *filmed_again(again)]
-    if parts["held out"]:
-        page += ["By how the held-out experiments were filmed and described.\n", *by_setting(parts["held out"])]
+    held = [row for name in HELD for row in parts[name]]
+    if held:
+        page += ["By how the held-out experiments were filmed and described.\n", *by_setting(held)]
     page += ["By effect, all cases.\n", *by_effect(counted)]
     page += ["Done of planned. No more of those looked at are to be judged.\n",
              *done(_parted(rows)), f"Cases by the commit that judged them: {commits}.\n"]  # fmt: skip
