@@ -14,7 +14,8 @@ from pathlib import Path
 
 import numba
 
-# The numpy error model drops a branch per division; contracted multiply-adds are deterministic on one machine.
+# The numpy error model drops a branch per division; contracted multiply-adds are deterministic on one machine, but that
+# the process that compiles rounds otherwise, by last bits, than those that load the same kernels from the cache.
 # Kernels allocate nothing, and without numba's runtime no array is counted at every call: nearly twice as fast.
 _OPTIONS = {"nogil": True, "error_model": "numpy", "fastmath": {"contract"}, "_nrt": False}
 _INNER = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True, **_OPTIONS}
