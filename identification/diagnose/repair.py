@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -166,7 +167,9 @@ def _joined(kept: Sequence[Step], base: Fitted, last: Fitted, searcher: Searcher
     for step in reversed(kept):
         before = base
         if step is not kept[0]:
-            before = searcher.nearby(without_effect(after.experiment, step.effect), after.values)
+            before = step.before  # where the model without cannot be simulated from there
+            with contextlib.suppress(SimulationError, ValueError):
+                before = searcher.nearby(without_effect(after.experiment, step.effect), after.values)
         joined.append(dataclasses.replace(step, before=before, after=after))
         after = before
     return joined[::-1]
