@@ -41,20 +41,18 @@ def records(cradle: Cradle, step_factor: float = 1.0) -> tuple[np.ndarray, np.nd
     inertia = bobs["mass"] + bobs["added_mass"]
     bobs["mobility"], bobs["fall"] = 1.0 / inertia, cradle.gravity * (bobs["mass"] / inertia)
     middle = np.arange(cradle.bobs) - 0.5 * (cradle.bobs - 1)
-    bobs["misplaced"] = cradle.pivots - middle * 2.0 * cradle.radius * (
-        1.0 + np.mean(cradle.delta if cradle.bobs > 1 else 0.0)
-    )
+    spread = np.mean(cradle.delta) if cradle.bobs > 1 else 0.0
+    bobs["misplaced"] = cradle.pivots - middle * 2.0 * cradle.radius * (1.0 + spread)
     bobs["string"] = np.hypot(bobs["length"], bobs["half_spacing"])
     bobs["grip"] = 4.0 * bobs["length"] / bobs["string"]
     angular = np.sqrt(cradle.gravity / bobs["length"].min())
     step = _ANGULAR_STEP / angular
+    springs = 0.25 * bobs["kappa"] * bobs["grip"] ** 2 if c["elastic"][0] else np.zeros(cradle.bobs)
     if c["elastic"][0]:
-        radial = np.sqrt(np.max(bobs["kappa"] * bobs["grip"] ** 2 / (4.0 * bobs["mass"])))
-        step = min(step, _RADIAL_STEP / radial)
+        step = min(step, _RADIAL_STEP / np.sqrt(np.max(springs / bobs["mass"])))
     if c["frame_mass"][0] > 0.0:
         # Strings stiffen what they hang from: by the weight that they carry, and as springs where they are far from
         # upright.
-        springs = 0.25 * bobs["kappa"] * bobs["grip"] ** 2 if c["elastic"][0] else 0.0
         hung = np.sum(bobs["mass"] * cradle.gravity / bobs["length"] + springs)
         step = min(step, _RADIAL_STEP * np.sqrt(c["frame_mass"][0] / (c["frame_stiffness"][0] + hung)))
     if bobs["tau_c"].any() or has_dry_friction(cradle.effects.get(learned_force.name, {})):

@@ -174,9 +174,8 @@ class Run:
     @property
     def bobs_seen(self) -> tuple[int, ...]:
         """Numbers of the bobs with at least one reading that is fitted or held out."""
-        return tuple(
-            int(i) + 1 for i in np.flatnonzero(~np.isnan(self.readings[self.fitted | self.held_out]).all(axis=0))
-        )
+        used = self.readings[self.fitted | self.held_out]
+        return tuple(int(i) + 1 for i in np.flatnonzero(~np.isnan(used).all(axis=0)))
 
 
 #: Fields of Cradle that can be inferred.

@@ -15,6 +15,8 @@ from identification.experiment import Experiment
 from identification.unknowns import element_names
 
 Values = Mapping[str, Any]
+#: Effects that are in question together.
+Names = tuple[str, ...]
 
 #: Factors of the scale at which the parameters that mean nothing at zero strength are tried.
 _GRID = (1.0, 1.0 / 3.0, 3.0)

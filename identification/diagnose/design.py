@@ -15,7 +15,7 @@ from cradle_env.cradle import Cradle
 from cradle_env.effects import effect
 from cradle_env.simulation import SimulationError
 from identification.diagnose.advise import Advice, advise, advise_on_lambda
-from identification.diagnose.candidates import candidates, without_effect
+from identification.diagnose.candidates import Names, candidates, without_effect
 from identification.diagnose.checks import check_readings
 from identification.diagnose.fitted import Fitted, with_known_noise
 from identification.diagnose.search import Searcher, Store
@@ -26,9 +26,6 @@ from identification.fit import Progress
 from identification.linear_algebra import on_one_thread
 from identification.toml_file import toml_text
 from identification.unknowns import FIELDS
-
-#: Effects that are in question together.
-Names = tuple[str, ...]
 
 #: Of design.json.
 FORMAT = "cradle-design/1"

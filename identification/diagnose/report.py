@@ -44,8 +44,9 @@ def save(diagnosis: Diagnosis, folder: Path, progress: Progress | None = None) -
 
 def html(diagnosis: Diagnosis, content: Mapping[str, Any]) -> str:
     """The report. content: that of diagnosis.json."""
+    first = diagnosis.repaired.examined[0]
     pictures = {
-        **({"map": map_figure(diagnosis.repaired.examined[0])} if in_windows(diagnosis.repaired.examined[0]) else {}),
+        **({"map": map_figure(first)} if in_windows(first) else {}),
         **({"energy": energy_figure(diagnosis)} if content["energy"] else {}),
         "candidates": candidates_figure(diagnosis),
         "comparison": comparison_figure(diagnosis),

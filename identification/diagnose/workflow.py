@@ -9,7 +9,7 @@ from pathlib import Path
 from cradle_env.simulation import SimulationError
 from identification.diagnose.advise import Advice, advise, advise_on_lambda
 from identification.diagnose.agreement import check_agreement
-from identification.diagnose.candidates import added_as, without_effect
+from identification.diagnose.candidates import Names, added_as, without_effect
 from identification.diagnose.checks import check_readings
 from identification.diagnose.diagnosis import Diagnosis
 from identification.diagnose.fitted import Fitted, with_known_noise
@@ -20,9 +20,6 @@ from identification.diagnose.slips import check_slips
 from identification.experiment import Experiment
 from identification.fit import Progress
 from identification.linear_algebra import on_one_thread
-
-#: Effects that would do as well together.
-Names = tuple[str, ...]
 
 
 @on_one_thread
@@ -70,11 +67,13 @@ def _advice(
 ) -> Advice | None:  # fmt: skip
     """The experiment that tells equivalent sets apart; without such, the one that makes λ certain, by a model that
     leaves only noise."""
-    last = searcher.on_everything(repaired.last.fitted)
-    if repaired.alternatives:
-        sets = [tuple(c.name for c in repaired.alternatives[0]), *others]
-        return advise([last, *others.values()], sets, seed, tell) if others else None
-    return None if repaired.last.significant else advise_on_lambda(last, tell)
+    if not repaired.alternatives:
+        last = repaired.last
+        return None if last.significant else advise_on_lambda(searcher.on_everything(last.fitted), tell)
+    if not others:
+        return None
+    models = [searcher.on_everything(repaired.last.fitted), *others.values()]
+    return advise(models, [tuple(c.name for c in repaired.alternatives[0]), *others], seed, tell)
 
 
 def _others(repaired: Repaired, searcher: Searcher) -> dict[Names, Fitted]:
