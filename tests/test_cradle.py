@@ -4,9 +4,11 @@ import copy
 import dataclasses
 import math
 import pickle
+import shutil
 import subprocess
 import sys
 import threading
+from pathlib import Path
 
 import gymnasium
 import numpy as np
@@ -14,6 +16,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+import cradle_env
 from cradle_env import Cradle, InitialState, Release, Trajectory, simulate, simulate_batch
 from cradle_env.mechanics import events, restitution
 from cradle_env.mechanics.parameters import T0, T1
@@ -476,6 +479,20 @@ for thread in threads:
 assert all((table == universal_curves()).all() for table in tables)
 """
     subprocess.run([sys.executable, "-c", code], check=True, timeout=120)
+
+
+@pytest.mark.slow
+def test_the_process_that_compiles_computes_the_same_bits(tmp_path) -> None:
+    """As one that finds the kernels compiled: which parts were inlined must not show (contracted multiply-adds did)."""
+    package = Path(cradle_env.__file__).parent
+    shutil.copytree(package, tmp_path / "cradle_env", ignore=shutil.ignore_patterns("__pycache__"))
+    code = "from cradle_env import *; print(simulate(Cradle(), Release(angle=0.2), 10.0).theta.tobytes().hex())"
+
+    def bits() -> str:
+        done = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=True)
+        return done.stdout
+
+    assert bits() == bits()
 
 
 def test_one_cradle_or_one_release_serves_all() -> None:
