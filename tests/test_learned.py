@@ -114,17 +114,19 @@ def test_impacts_depart_by_the_formula() -> None:
     """From the speed and loss of every impact of two bobs, and from the curve. Rigid strings lean by up to 5e-3 rad at
     impact, which raises the mass that an impact moves by the square of that."""
     base = Cradle(bobs=2, model="pendulum")
-    cradle = base.replace(effects=law("learned_impact", level=-0.01, slope=0.02, bend=-0.015, gentle=0.005))
+    cradle = base.replace(effects=law("learned_impact", level=-0.01, slope=0.02, bend=-0.015, gentle=0.005, wet=-0.001))
     impacts = simulate(cradle, RELEASE, 20.0).impacts
     impacts = impacts[impacts["speed"] > 1e-3]
     u = impacts["speed"] / 0.5
-    wanted = restitution_curve(base, impacts["speed"]) - 0.01 + 0.02 * u - 0.015 * u**2 + 0.005 * np.exp(-u / 0.1)
+    wanted = (
+        restitution_curve(base, impacts["speed"]) - 0.01 + 0.02 * u - 0.015 * u**2 + 0.005 * np.exp(-u / 0.1) - 1e-3 / u
+    )
     taken = 1.0 - impacts["loss"] / (0.25 * base.mass * impacts["speed"] ** 2)
     np.testing.assert_allclose(np.sqrt(taken), wanted, rtol=0, atol=3e-5)
     np.testing.assert_allclose(restitution_curve(cradle, impacts["speed"]), wanted, rtol=0, atol=1e-12)
 
 
-@pytest.mark.parametrize("departure", [{}, {"level": -0.3}, {"level": 0.01, "slope": -0.2}])
+@pytest.mark.parametrize("departure", [{}, {"level": -0.3}, {"level": 0.01, "slope": -0.2}, {"wet": -0.01}])
 def test_impacts_that_are_followed_in_time_depart_as_well(departure: dict) -> None:
     """The energy that the first contact takes, of two bobs and of a touching row, is that of instantaneous impacts."""
     for bobs, delta in ((2, 0.0), (3, 0.0)):

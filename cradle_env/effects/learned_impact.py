@@ -10,6 +10,7 @@ TERMS = {
     "slope": ("u", "in proportion to the speed"),
     "bend": ("u²", "as the square of the speed"),
     "gentle": ("exp(−u/0.1)", "at gentle impacts"),
+    "wet": ("1/u", "by the same speed in every impact, as a film of liquid takes it"),
 }
 
 
@@ -25,7 +26,8 @@ learned_impact = Effect(
     acts_on="contact",
     summary="what a smooth function of the impact speed adds to e; learned from data, it explains nothing",
     equation="e = e_model(v) + Σ c_k φ_k(v/speed),  0 ≤ e ≤ 1",
-    reference="a sparse library: Brunton, Proctor & Kutz, Proc. Natl. Acad. Sci. 113, 3932 (2016)",
+    reference="a sparse library: Brunton, Proctor & Kutz, Proc. Natl. Acad. Sci. 113, 3932 (2016); wet impacts: Davis,"
+    " Rager & Good, J. Fluid Mech. 468, 107 (2002)",
     energy="each impact takes m_eff v² (1 − e²) / 2",
     looks_like="impacts that take a share of energy which no e(v) of the catalogue has",
     parameters=(

@@ -56,7 +56,7 @@ CRADLE = np.dtype(
         ("attraction_range", "f8"),
         ("drag_slope", "f8"),  # group_drag: growth of b per neighbour at touch, and its range, m
         ("drag_range", "f8"),
-        ("departure", "f8", (4,)),  # learned_impact: coefficients, and the scale of speeds, m/s
+        ("departure", "f8", (5,)),  # learned_impact: coefficients, and the scale of speeds, m/s
         ("departure_speed", "f8"),  # 0: none
         ("learned_pairs", "i8"),  # 1: learned_pair acts
         ("pair_speed", "f8"),  # its scale of speeds, m/s

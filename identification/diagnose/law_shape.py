@@ -198,7 +198,7 @@ class Shape:
         speeds = self.motion.impacts["speed"]
         v = np.linspace(0.0, float(speeds.max()), _POINTS + 1)[1:]
         u = v / self._values(name, "speed")
-        shapes = {"level": np.ones_like(u), "slope": u, "bend": u**2, "gentle": np.exp(-u / 0.1)}
+        shapes = {"level": np.ones_like(u), "slope": u, "bend": u**2, "gentle": np.exp(-u / 0.1), "wet": 1.0 / u}
         e = restitution_curve(self.cradle, v)
         stiffer = restitution_curve(self.cradle.replace(k_f=self.cradle.k_f * (1.0 + _STEP)), v)
         _, band = self._curve(name, 0, shapes.__getitem__, ("k_f", (stiffer - e) / _STEP))
