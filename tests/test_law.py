@@ -328,6 +328,22 @@ def test_bands_do_not_hang_on_how_an_unknown_is_sampled():
     assert bands[1] == pytest.approx(bands[0], rel=0.05)
 
 
+def test_impacts_that_take_the_same_speed_each_are_put_in_words():
+    """Wet balls: 5 mm/s of each impact, whatever its speed; a share that is the same at all speeds is told as e."""
+    cradle = Cradle(bobs=2, model="pendulum", k_f=20.0)
+    run = simulated_run(cradle, angle=0.3, duration=10.0)
+    likelihood = Likelihood(Experiment(cradle, (run,), {}), None, 1)
+    base = Fitted(likelihood, likelihood.start())
+    scales, said = scales_of(base), []
+    for key, value in (("wet", -5e-3 / scales["speed"]), ("level", -0.02)):
+        terms = (Term("learned_impact", key, 0, True),)
+        whole = Likelihood(extended(base.experiment, scales, terms), None, 1)
+        fit = Fitted(whole, placed(whole, {"k_f": 20.0, terms[0].name: value}))
+        said += Shape(Law(base, fit, terms, scales, 1.0, 1.0), fit).words()
+    assert "every impact takes about the same speed, 5" in said[0] and "mm/s" in said[0]
+    assert "e departs from that of the model" in said[1] and len(said) == 2
+
+
 def test_what_goes_on_beside_the_motion_cannot_be_cut_into_windows():
     """Of its own data such a model would leave far more than noise in windows: creep begins anew in each, and the frame
     at rest."""

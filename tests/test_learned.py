@@ -126,6 +126,36 @@ def test_impacts_depart_by_the_formula() -> None:
     np.testing.assert_allclose(restitution_curve(cradle, impacts["speed"]), wanted, rtol=0, atol=1e-12)
 
 
+def test_wet_impacts_take_the_same_speed_each() -> None:
+    """Two rigid pendulums whose every impact takes 3 mm/s, by SciPy; the last ones take all there is."""
+    taken, length, radius, times = 3e-3, 0.3, 0.02, np.arange(0.0, 5.0, 1 / 60)
+
+    def motion(_t: float, y: np.ndarray) -> list[float]:
+        return [y[2], y[3], *(-9.81 / length * np.sin(y[:2]) - 0.002 / 0.2813 * y[2:])]
+
+    def apart(y: np.ndarray) -> np.ndarray:
+        return np.array([2 * radius + length * (np.sin(y[1]) - np.sin(y[0])), length * (np.cos(y[0]) - np.cos(y[1]))])
+
+    def gap(_t: float, y: np.ndarray) -> float:
+        return float(np.hypot(*apart(y))) - 2 * radius
+
+    gap.terminal, gap.direction = True, -1.0  # type: ignore[attr-defined]
+    expected, y, t = np.empty((len(times), 2)), np.array([0.0, 0.25, 0.0, 0.0]), 0.0
+    while t < times[-1]:
+        run = solve_ivp(motion, (t, 5.0), y, "DOP853", events=gap, rtol=1e-11, atol=1e-13, dense_output=True)
+        inside = (times >= t) & (times <= run.t[-1])
+        expected[inside] = run.sol(times[inside])[:2].T
+        t, y = run.t[-1], run.y[:, -1].copy()
+        n = apart(y) / (2 * radius)
+        along = length * (np.cos(y[:2]) * n[0] + np.sin(y[:2]) * n[1]) * [1, -1]
+        speed = along @ y[2:]
+        y[2:] -= (1.0 + max(0.0, 1.0 - taken / speed)) * speed / (along @ along) * along
+    laws = law("learned_impact", wet=-taken / 0.5)
+    cradle = Cradle(bobs=2, model="pendulum", restitution=1.0, effects={**laws, "-velocity_dependent_restitution": {}})
+    found = simulate(cradle, Release(angle=0.25), times=times).theta
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-7)
+
+
 @pytest.mark.parametrize("departure", [{}, {"level": -0.3}, {"level": 0.01, "slope": -0.2}, {"wet": -0.01}])
 def test_impacts_that_are_followed_in_time_depart_as_well(departure: dict) -> None:
     """The energy that the first contact takes, of two bobs and of a touching row, is that of instantaneous impacts."""

@@ -111,7 +111,7 @@ def dissipation(cradle, m_eff, v):
 
 @jit
 def departure(c, u):
-    """What a learned law adds to e at speed u > 0, in units of its scale: c0 + c1 u + c2 u^2 + c3 exp(-u / 0.1) + c4 / u."""
+    """What a learned law adds to e, u: speed over its scale; c0 + c1 u + c2 u^2 + c3 exp(-u / 0.1) + c4 / u."""
     return c[0] + u * (c[1] + c[2] * u) + c[3] * math.exp(-u / 0.1) + c[4] / u
 
 
