@@ -18,6 +18,7 @@ from identification.diagnose.decide import (
     hidden,
     log_evidence,
     of_the_period,
+    that_stands,
 )
 from identification.diagnose.fitted import Fitted
 from identification.diagnose.locate import Located, locate, share
@@ -126,6 +127,16 @@ class Course:
         self._one_for_two()
         return True
 
+    def anew(self) -> bool:
+        """Takes one effect in the place of all, with which a model from anywhere leaves only noise and predicts what
+        was held out; whether there is one."""
+        base = self.examined[0]
+        decision = that_stands(base.fitted, self.decisions[0], base.scored, self.searcher, self.tell)
+        if decision.chosen is None:
+            return False
+        self._replace(decision, self.back_to(base.fitted))
+        return True
+
     def back_to(self, fitted: Fitted) -> list[str]:
         """Takes back the steps beyond a model, with what was examined after it; returns the names."""
         withdrawn = []
@@ -176,11 +187,14 @@ class Course:
         """Takes what a decision chose in the place of what the last `count` decisions did, unless that was examined
         before: it would come to the same again."""
         assert decision.chosen is not None
-        if _effects(decision.chosen.fitted) in self.seen:
-            return
-        names = self.back_to(self.examined[-1 - count].fitted)
+        if _effects(decision.chosen.fitted) not in self.seen:
+            self._replace(decision, self.back_to(self.examined[-1 - count].fitted))
+
+    def _replace(self, decision: Decision, names: list[str]) -> None:
+        """Takes what a decision chose in the place of what the model examined last had beyond it."""
+        assert decision.chosen is not None
         self.replaced += [name for name in names if name != decision.chosen.candidate.name]
-        del self.decisions[-count:]
+        del self.decisions[len(self.examined) - 1 :]
         self._take(decision)
 
     def _take(self, decision: Decision) -> None:

@@ -11,7 +11,7 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -22,7 +22,7 @@ from cradle_env.effects.length_mismatch import length_mismatch
 from cradle_env.simulation import SimulationError
 from identification.diagnose.candidates import Candidate, candidates, is_strength, one_sided
 from identification.diagnose.fitted import Fitted
-from identification.diagnose.inner import EQUAL, FAR, predictions
+from identification.diagnose.inner import EQUAL, FAR, predictions, refuted
 from identification.diagnose.score import Scored, family_p, surprise_of
 from identification.diagnose.search import Searcher, only_noise
 from identification.diagnose.stand_in import standing_in
@@ -134,16 +134,17 @@ def hidden(
 
 
 def from_anywhere(
-    fitted: Fitted, decision: Decision, scored: Scored, searcher: Searcher, tell: Progress
+    fitted: Fitted, decision: Decision, scored: Scored, searcher: Searcher, tell: Progress,
+    enough: Callable[[Fitted], bool] = only_noise,
 ) -> Decision:  # fmt: skip
     """A decision again, after searches from anywhere for the models with each of its candidates, the most probable
-    first, until one leaves only noise: from where the model without it has its mode, refits may not find the right
-    one. Far above the noise the same decision, for there no one candidate is all that is missing."""
+    first, until one is enough: from where the model without it has its mode, refits may not find the right one. Far
+    above the noise the same decision, for there no one candidate is all that is missing."""
     if fitted.training_gap() > FAR:
         return decision
     fits = {refit.candidate: searcher.best(refit.fitted) for refit in decision.refits}
     for i, candidate in enumerate(fits):
-        if any(map(only_noise, fits.values())):
+        if any(map(enough, fits.values())):
             break
         tell("refit", i / len(fits), f"{candidate.label} from anywhere")
         try:
@@ -152,6 +153,21 @@ def from_anywhere(
             continue
     fits = _alike(fitted, fits, scored, searcher, tell)
     return _decision(fitted, fits, scored, searcher)
+
+
+def that_stands(
+    fitted: Fitted, decision: Decision, scored: Scored, searcher: Searcher, tell: Progress
+) -> Decision:  # fmt: skip
+    """A decision again, after searches from anywhere, between those candidates alone with which a model leaves only
+    noise and predicts what was held out."""
+    again = from_anywhere(fitted, decision, scored, searcher, tell, _stands)
+    refits = [refit for refit in again.refits if refit.p < ALPHA and refit.log_evidence > 0.0 and _stands(refit.fitted)]
+    chosen = refits[0] if refits else None
+    return dataclasses.replace(again, chosen=chosen, probability=_probability(chosen, refits))
+
+
+def _stands(fitted: Fitted) -> bool:
+    return only_noise(fitted) and not refuted(fitted)
 
 
 def _decision(

@@ -55,6 +55,12 @@ def gap_within(fitted: Fitted, searcher: Searcher) -> tuple[Fitted, float]:
         return within, math.inf
 
 
+def refuted(fitted: Fitted) -> bool:
+    """Whether a model that comes near the noise predicts what was held out worse than a right one does but once in a
+    hundred times."""
+    return fitted.training_gap() <= FAR and fitted.held_out_gap() > fitted.allowed_gap()
+
+
 def _fitted_within(fitted: Fitted, searcher: Searcher) -> Fitted:
     """The model fitted to the first two thirds, from where it has its mode."""
     likelihood = searcher.likelihood(inner(fitted.experiment))

@@ -15,7 +15,7 @@ from identification.diagnose.candidates import Candidate, is_strength, taken_fro
 from identification.diagnose.course import Course, Examined, Step
 from identification.diagnose.decide import ALPHA, CLOSE, Decision, judged, log_evidence
 from identification.diagnose.fitted import Fitted
-from identification.diagnose.inner import predictions
+from identification.diagnose.inner import predictions, refuted
 from identification.diagnose.law import Law, advantage, can_outdo, learn
 from identification.diagnose.search import Searcher
 from identification.diagnose.stand_in import standing_in
@@ -53,14 +53,14 @@ def repair(
 ) -> Repaired:  # fmt: skip
     """Adds the most probable effect as long as the model leaves more than noise and an effect helps, and what the base
     model hides by a wrong mode; then tries what was added for removal, and for exchange against what was nearly as
-    good."""
+    good. What was held out chooses no name, but refutes those that predict worse than right ones do."""
     tell("locate", 0.0, "where model and data part")
     course = Course(searcher, seed, estimated, tell)
     course.examined.append(course.settle(fitted))
     course.look_elsewhere()
-    while course.examined[-1].significant and len(course.steps) < _MOST_STEPS:
-        if not course.go_on():
-            break
+    _add(course)
+    if course.steps and refuted(course.examined[-1].fitted) and course.anew():
+        _add(course)
     withdrawn = _withdraw(course)
     law = _outdoing(course)
     if law is not None:
@@ -71,6 +71,9 @@ def repair(
         last, kept, more = _without_the_needless(course, last, kept)
         if more:
             removed, alternatives = [*removed, *more], _exchanges(last, kept, searcher, tell)
+    if kept and law is None and refuted(last.fitted):  # by any name: the cause is unknown
+        withdrawn += course.back_to(course.examined[0].fitted)
+        last, kept, removed, alternatives = course.examined[0], [], [], ()
     law = _law_of(last, law, searcher, tell)
     if removed:
         kept = _joined(kept, course.examined[0].fitted, last.fitted, searcher)
@@ -79,6 +82,13 @@ def repair(
     if removed and not kept:  # what was added only led to a better mode of the base model
         return Repaired((last,), (), (), gone, (), last, law)
     return Repaired(tuple(course.examined), tuple(course.decisions), tuple(kept), gone, alternatives, last, law)
+
+
+def _add(course: Course) -> None:
+    """Adds effects as long as more than noise is left and one helps."""
+    while course.examined[-1].significant and len(course.steps) < _MOST_STEPS:
+        if not course.go_on():
+            break
 
 
 def _withdraw(course: Course) -> list[str]:
