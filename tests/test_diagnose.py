@@ -19,17 +19,20 @@ from cradle_env.simulation import SimulationError
 from identification import Experiment, diagnose
 from identification.cli import main
 from identification.diagnose import course, inner, repair, workflow
+from identification.diagnose import decide as decide_module
 from identification.diagnose.candidates import Candidate, added_as, candidates, starts, taken_from, with_effects
 from identification.diagnose.course import Course, Step
 from identification.diagnose.decide import Decision, decide, judged, refitted, worth_refitting
 from identification.diagnose.diagnosis import VERDICTS, Interval, effect_parameters
 from identification.diagnose.fitted import Fitted, with_known_noise
+from identification.diagnose.inner import refuted
 from identification.diagnose.intervals import intervals
 from identification.diagnose.law import can_outdo
 from identification.diagnose.locate import locate, log_tail
 from identification.diagnose.report import save, sentence
 from identification.diagnose.score import family_p, score
 from identification.diagnose.search import Searcher, Store, finished
+from identification.fit import training_rows
 from identification.likelihood import Likelihood
 from identification.runs import ReleaseInfo, Run
 from tests.independent.laboratory import correlated_noise, record, write_experiment
@@ -96,6 +99,49 @@ def test_a_right_model_leaves_what_is_allowed_and_a_wrong_one_more(diagnosed):
     content = diagnosed.content()
     assert "departs" not in sentence(content)
     assert "departs more than noise" in sentence({**content, "gap_last": 3.0})
+
+
+def test_what_was_held_out_refutes_a_wrong_model_near_the_noise(diagnosed, monkeypatch):
+    assert refuted(diagnosed.base) and not refuted(diagnosed.last)
+    far = SimpleNamespace(training_gap=lambda: 10.0, held_out_gap=lambda: 9.0, allowed_gap=lambda: 1.1)
+    assert not refuted(far)  # type: ignore[arg-type]
+
+
+def test_names_that_predict_worse_than_right_ones_are_withdrawn(dragged, monkeypatch):
+    """The tracker lost its zero by 5 mrad after the training part: no effect of a cradle does that."""
+    experiment = with_known_noise(Experiment.load(dragged))
+    (run,) = experiment.runs
+    held_out = ~training_rows(experiment)[0][0]
+    shifted = dataclasses.replace(run, readings=run.readings + 5e-3 * held_out[:, None])
+    monkeypatch.setattr(repair, "learn", lambda *_: None)
+    asked = []
+    monkeypatch.setattr(course.Course, "anew", lambda self: asked.append(self.steps[0].effect))
+    for own in (run, shifted):
+        searcher = Searcher(Store(None, ""), 0, None)
+        base = searcher.globally(dataclasses.replace(experiment, runs=(own,)))
+        repaired = repair.repair(base, searcher, 0, (False,), lambda *_: None)
+        if own is run:
+            assert [step.effect for step in repaired.steps] == ["quadratic_drag"] and not asked
+    assert asked == ["quadratic_drag"]
+    assert repaired.steps == () and repaired.alternatives == () and "quadratic_drag" in repaired.removed
+    assert repaired.last is repaired.examined[0] and repaired.last.significant
+
+
+def test_only_what_leaves_noise_and_predicts_stands(monkeypatch):
+    """The most probable of those; and how probable it is, among them alone."""
+    refits = [
+        SimpleNamespace(candidate=name, fitted=stands, p=p, log_evidence=evidence)
+        for name, stands, p, evidence in (("a", False, 0.0, 90.0), ("b", True, 0.5, 70.0), ("c", True, 0.0, 50.0),
+                                          ("d", True, 0.0, 49.0), ("e", True, 0.0, -1.0))
+    ]  # fmt: skip
+    monkeypatch.setattr(decide_module, "_stands", lambda fitted: fitted)
+    again = Decision(tuple(refits), refits[0], 1.0, 1.0, 1.0)  # type: ignore[arg-type]
+    monkeypatch.setattr(decide_module, "from_anywhere", lambda *_: again)
+    found = decide_module.that_stands(None, again, None, None, lambda *_: None)  # type: ignore[arg-type]
+    assert found.chosen is refits[2] and found.refits == again.refits
+    assert found.probability == pytest.approx(1.0 / (1.0 + np.exp(-1.0)))
+    again = Decision(tuple(refits[:2]), refits[0], 1.0, 1.0, 1.0)  # type: ignore[arg-type]
+    assert decide_module.that_stands(None, again, None, None, lambda *_: None).chosen is None  # type: ignore[arg-type]
 
 
 @pytest.mark.slow
