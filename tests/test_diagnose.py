@@ -127,6 +127,23 @@ def test_names_that_predict_worse_than_right_ones_are_withdrawn(dragged, monkeyp
     assert repaired.last is repaired.examined[0] and repaired.last.significant
 
 
+@pytest.mark.parametrize(("gap", "taken"), [(10.0, "c"), (1.01, "a")])
+def test_far_above_the_noise_the_simplest_of_the_most_probable_is_chosen(gap, taken, monkeypatch):
+    """b has fewer unknowns but predicts nothing, d the fewest but is clearly less probable."""
+    fits = {name: SimpleNamespace(chi2=1.0, coloured=(1.0, 100.0)) for name in "abcd"}
+    evidence = {"a": (90.0, 4), "b": (89.5, 2), "c": (89.0, 3), "d": (80.0, 1)}
+    monkeypatch.setattr(
+        decide_module, "judged",
+        lambda _fitted, name, fit, *_: SimpleNamespace(candidate=name, fitted=fit, p=0.0, log_evidence=evidence[name][0],
+                                                       unknowns=evidence[name][1]),
+    )  # fmt: skip
+    monkeypatch.setattr(decide_module, "_predicts", lambda _fitted, refit, _searcher: refit.candidate != "b")
+    base = SimpleNamespace(training_gap=lambda: gap)
+    scored = SimpleNamespace(replicas=None)
+    decision = decide_module._decision(base, fits, scored, None)  # type: ignore[arg-type]
+    assert decision.chosen.candidate == taken  # type: ignore[union-attr]
+
+
 def test_only_what_leaves_noise_and_predicts_stands(monkeypatch):
     """The most probable of those; and how probable it is, among them alone."""
     refits = [

@@ -183,9 +183,19 @@ def _decision(
         except SimulationError:  # it ends where nothing was fitted: not a model of this experiment
             continue
     refits.sort(key=lambda refit: -refit.log_evidence)
-    significant = (refit for refit in refits if refit.p < ALPHA and refit.log_evidence > 0.0)
+    significant = [refit for refit in refits if refit.p < ALPHA and refit.log_evidence > 0.0]
     chosen = next((refit for refit in significant if _predicts(fitted, refit, searcher)), None)
+    if chosen is not None and fitted.training_gap() > FAR:
+        chosen = _simplest(fitted, chosen, significant, searcher)
     return Decision(tuple(refits), chosen, _probability(chosen, refits), inflation, effective)
+
+
+def _simplest(fitted: Fitted, best: Refit, refits: Sequence[Refit], searcher: Searcher) -> Refit:
+    """Of what is about as probable as the best, that with the fewest unknowns: far above the noise evidence hangs on
+    how near to its mode each model was fitted, too."""
+    near = (r for r in refits if r.unknowns < best.unknowns and best.log_evidence - r.log_evidence < CLOSE)
+    ordered = sorted(near, key=lambda refit: refit.unknowns)
+    return next((refit for refit in ordered if _predicts(fitted, refit, searcher)), best)
 
 
 def _predicts(fitted: Fitted, refit: Refit, searcher: Searcher) -> bool:
