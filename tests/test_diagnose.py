@@ -132,11 +132,12 @@ def test_far_above_the_noise_the_simplest_of_the_most_probable_is_chosen(gap, ta
     """b has fewer unknowns but predicts nothing, d the fewest but is clearly less probable."""
     fits = {name: SimpleNamespace(chi2=1.0, coloured=(1.0, 100.0)) for name in "abcd"}
     evidence = {"a": (90.0, 4), "b": (89.5, 2), "c": (89.0, 3), "d": (80.0, 1)}
-    monkeypatch.setattr(
-        decide_module, "judged",
-        lambda _fitted, name, fit, *_: SimpleNamespace(candidate=name, fitted=fit, p=0.0, log_evidence=evidence[name][0],
-                                                       unknowns=evidence[name][1]),
-    )  # fmt: skip
+
+    def judged_as(_fitted, name, fit, *_):
+        log_evidence, unknowns = evidence[name]
+        return SimpleNamespace(candidate=name, fitted=fit, p=0.0, log_evidence=log_evidence, unknowns=unknowns)
+
+    monkeypatch.setattr(decide_module, "judged", judged_as)
     monkeypatch.setattr(decide_module, "_predicts", lambda _fitted, refit, _searcher: refit.candidate != "b")
     base = SimpleNamespace(training_gap=lambda: gap)
     scored = SimpleNamespace(replicas=None)
