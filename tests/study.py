@@ -37,7 +37,7 @@ _UNEVEN = frozenset({"length_mismatch", "mass_mismatch"})
 _LASTING = "contact_duration"
 TARGETS = (15.0, 50.0, 200.0)
 #: The first round that is held out, the first that one commit judged, and how many there are; nulls in each.
-HELD_OUT, LATEST, ROUNDS = 12, 19, 22
+HELD_OUT, LATEST, ROUNDS = 12, 22, 25
 NULLS = 4
 #: How many wrong models the oracle refits, and how often it tries a strength.
 _REFITTED, _SEARCHES = 2, 8
