@@ -62,10 +62,11 @@ In brackets 95 % intervals.
 **Held out** are rounds {HELD_OUT} to {ROUNDS - 1}: nothing was chosen by looking at them, and each case is judged once:
 those before {LATEST} while the procedure was still mended, those from {LATEST} on all by one commit, which tells best
 how often it is right now. Misses before {LATEST} led to one rule that only those from {LATEST} on are judged by: what
-was held out from a fit refutes names that predict it worse than right ones do. In rounds 0 to {HELD_OUT - 1} the procedure was made; of the odd ones, too, misses had been
-printed while its searches were mended. They were made by other code, that of the commits below: there Δχ² is what the
-best wrong model leaves by itself, frames that differ from their formula cannot be told from it, and bobs start
-unstretched, filmed without a frame missing, with white noise that the file states.
+was held out from a fit refutes names that predict it worse than right ones do. In rounds 0 to {HELD_OUT - 1} the
+procedure was made; of the odd ones, too, misses had been printed while its searches were mended. They were made by
+other code, that of the commits below: there Δχ² is what the best wrong model leaves by itself, frames that differ from
+their formula cannot be told from it, and bobs start unstretched, filmed without a frame missing, with white noise that
+the file states.
 
 **Stated rightly** are lengths, masses, δ, how bobs start, and the noise where it is stated; k_f, κ and b, from which
 fits begin, are up to 15 % off, and the release by what the file says, 1 mrad. Half of the held-out cases start hanging,
