@@ -39,7 +39,7 @@ _FURTHEST, _PERIODS = 2.0, 2.0
 @dataclass(frozen=True, eq=False)
 class Curve:
     """One function of a law: of what (title), its axes, x (M,), y (M,) and half width of its 95 % band (M,), and what
-    the model without the law has there (M,)."""
+    the model without the law has there (M,); within: what it can be."""
 
     title: str
     x_label: str
@@ -48,6 +48,7 @@ class Curve:
     y: np.ndarray
     band: np.ndarray
     without: np.ndarray | None = None
+    within: tuple[float, float] = (-math.inf, math.inf)
 
 
 class Shape:
@@ -205,7 +206,7 @@ class Shape:
         stiffer = restitution_curve(self.cradle.replace(k_f=self.cradle.k_f * (1.0 + _STEP)), v)
         _, band = self._curve(name, 0, shapes.__getitem__, ("k_f", (stiffer - e) / _STEP))
         without = restitution_curve(self.law.before.cradle, v)
-        return Curve("impacts: restitution", "impact speed [m/s]", "e", v, e, band, without)
+        return Curve("impacts: restitution", "impact speed [m/s]", "e", v, e, band, without, (0.0, 1.0))
 
     def energy_taken(self) -> float:
         """What the forces of the law on single bobs take of the first run, from its start on [J]; < 0: they give."""

@@ -141,7 +141,8 @@ def law_figure(shape: Shape) -> Figure:
     figure = Figure(figsize=(9.0, 2.6 * rows), layout="constrained")
     grid = figure.subplots(rows, _ACROSS, squeeze=False).ravel()
     for axes, curve in zip(grid, curves, strict=False):
-        axes.fill_between(curve.x, curve.y - curve.band, curve.y + curve.band, color=BLUE, alpha=0.25, linewidth=0)
+        ends = (np.clip(curve.y + sign * curve.band, *curve.within) for sign in (-1.0, 1.0))
+        axes.fill_between(curve.x, *ends, color=BLUE, alpha=0.25, linewidth=0)
         axes.plot(curve.x, curve.y, color=BLUE, label="with the law")
         if curve.without is not None:
             axes.plot(curve.x, curve.without, color=GREY, linestyle="--", label="model without it")
