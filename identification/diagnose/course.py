@@ -23,7 +23,7 @@ from identification.diagnose.decide import (
 from identification.diagnose.fitted import Fitted
 from identification.diagnose.locate import Located, locate, share
 from identification.diagnose.score import Scored, score
-from identification.diagnose.search import Searcher
+from identification.diagnose.search import Searcher, only_noise
 from identification.fit import Progress
 
 #: Replicates of each model.
@@ -163,8 +163,12 @@ class Course:
         """Puts another effect in the place of the first, where that leaves more than noise and another, its model
         searched from anywhere, is the more probable."""
         if self.examined[-1].significant and len(self.examined) == 2:
-            before, was = self.examined[-2], self.decisions[-1]
-            decision = from_anywhere(before.fitted, was, before.scored, self.searcher, self.tell)
+            before, was, last = self.examined[-2], self.decisions[-1], self.examined[-1].fitted
+
+            def enough(fitted: Fitted) -> bool:  # χ² alone may call noise what is more
+                return only_noise(fitted) and fitted.chi2 < last.chi2 - last.unit
+
+            decision = from_anywhere(before.fitted, was, before.scored, self.searcher, self.tell, enough)
             if was.chosen and decision.chosen and decision.chosen.candidate != was.chosen.candidate:
                 self._instead(decision, 1)
 

@@ -160,7 +160,7 @@ def that_stands(
 ) -> Decision:  # fmt: skip
     """A decision again, after searches from anywhere, between those candidates alone with which a model leaves only
     noise and predicts what was held out."""
-    again = from_anywhere(fitted, decision, scored, searcher, tell, _stands)
+    again = from_anywhere(fitted, decision, scored, searcher, tell, lambda _: False)
     refits = [refit for refit in again.refits if refit.p < ALPHA and refit.log_evidence > 0.0 and _stands(refit.fitted)]
     chosen = refits[0] if refits else None
     return dataclasses.replace(again, chosen=chosen, probability=_probability(chosen, refits))
