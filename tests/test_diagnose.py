@@ -145,6 +145,20 @@ def test_far_above_the_noise_the_simplest_of_the_most_probable_is_chosen(gap, ta
     assert decision.chosen.candidate == taken  # type: ignore[union-attr]
 
 
+def test_what_leaves_more_than_noise_by_its_places_is_not_enough_by_its_chi2(monkeypatch):
+    """Another is searched for until one does better than the first."""
+
+    def fit(chi2):
+        return SimpleNamespace(chi2=chi2, count=3500, unit=1.0)
+
+    asked = []
+    monkeypatch.setattr(course, "from_anywhere", lambda *all_: asked.append(all_[-1]) or SimpleNamespace(chosen=None))
+    examined = [SimpleNamespace(fitted=fit(chi2), scored=None, significant=True) for chi2 in (4000.0, 3510.0)]
+    so_far = Course(None, 0, (False,), lambda *_: None, examined, [SimpleNamespace(chosen=None)])  # type: ignore[arg-type]
+    so_far._another()
+    assert [asked[0](fit(chi2)) for chi2 in (3511.0, 3509.5, 3450.0, 3700.0)] == [False, False, True, False]
+
+
 def test_only_what_leaves_noise_and_predicts_stands(monkeypatch):
     """The most probable of those; and how probable it is, among them alone."""
     refits = [
