@@ -15,8 +15,8 @@ from pathlib import Path
 import numba
 
 # The numpy error model drops a branch per division. Kernels allocate nothing, and without numba's runtime no array is
-# counted at every call: nearly twice as fast. No fastmath, not even contracted multiply-adds: they gain 5 to 10 %, but round
-# as the compiler happens to inline, so that the process that compiles differed in last bits from those that load.
+# counted at every call: nearly twice as fast. No fastmath, not even contracted multiply-adds: they gain 5 to 10 %, but
+# round as the compiler happens to inline, so that the process that compiles differed in last bits from those that load.
 _OPTIONS = {"nogil": True, "error_model": "numpy", "_nrt": False}
 _INNER = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True, **_OPTIONS}
 
