@@ -101,7 +101,7 @@ def test_a_right_model_leaves_what_is_allowed_and_a_wrong_one_more(diagnosed):
     assert "departs more than noise" in sentence({**content, "gap_last": 3.0})
 
 
-def test_what_was_held_out_refutes_a_wrong_model_near_the_noise(diagnosed, monkeypatch):
+def test_what_was_held_out_refutes_a_wrong_model_near_the_noise(diagnosed):
     assert refuted(diagnosed.base) and not refuted(diagnosed.last)
     far = SimpleNamespace(training_gap=lambda: 10.0, held_out_gap=lambda: 9.0, allowed_gap=lambda: 1.1)
     assert not refuted(far)  # type: ignore[arg-type]

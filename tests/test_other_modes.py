@@ -29,7 +29,7 @@ def test_a_clock_that_a_far_mode_of_kappa_hides_is_found(tmp_path):
     base = searcher.globally(with_known_noise(Experiment.load(path)))
     assert abs(base.values["kappa"] / true - 1.0) > 0.02
     repaired = repair.repair(base, searcher, 0, (False,), QUIET)
-    # By last bits, which differ where kernels are just compiled, p is 0.0075 or more: there is next to nothing to see.
+    # By last bits p is 0.0075 or more: there is next to nothing to see.
     assert repaired.examined[0].p > 0.005
     assert {"clock_scale", "added_mass"} <= {one.name for several in repaired.alternatives for one in several}
     found = searcher.anywhere(base, CLOCK)

@@ -161,7 +161,7 @@ def that_stands(
     """A decision again, after searches from anywhere, between those candidates alone with which a model leaves only
     noise and predicts what was held out."""
     again = from_anywhere(fitted, decision, scored, searcher, tell, lambda _: False)
-    refits = [refit for refit in again.refits if refit.p < ALPHA and refit.log_evidence > 0.0 and _stands(refit.fitted)]
+    refits = [refit for refit in _significant(again.refits) if _stands(refit.fitted)]
     chosen = refits[0] if refits else None
     return dataclasses.replace(again, chosen=chosen, probability=_probability(chosen, refits))
 
@@ -183,11 +183,15 @@ def _decision(
         except SimulationError:  # it ends where nothing was fitted: not a model of this experiment
             continue
     refits.sort(key=lambda refit: -refit.log_evidence)
-    significant = [refit for refit in refits if refit.p < ALPHA and refit.log_evidence > 0.0]
+    significant = _significant(refits)
     chosen = next((refit for refit in significant if _predicts(fitted, refit, searcher)), None)
     if chosen is not None and fitted.training_gap() > FAR:
         chosen = _simplest(fitted, chosen, significant, searcher)
     return Decision(tuple(refits), chosen, _probability(chosen, refits), inflation, effective)
+
+
+def _significant(refits: Sequence[Refit]) -> list[Refit]:
+    return [refit for refit in refits if refit.p < ALPHA and refit.log_evidence > 0.0]
 
 
 def _simplest(fitted: Fitted, best: Refit, refits: Sequence[Refit], searcher: Searcher) -> Refit:
