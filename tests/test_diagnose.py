@@ -18,8 +18,9 @@ from cradle_env.model_files import read_model
 from cradle_env.simulation import SimulationError
 from identification import Experiment, diagnose
 from identification.cli import main
-from identification.diagnose import course, inner, repair, workflow
+from identification.diagnose import course, inner, repair, unseen, workflow
 from identification.diagnose import decide as decide_module
+from identification.diagnose import intervals as intervals_module
 from identification.diagnose.candidates import Candidate, added_as, candidates, starts, taken_from, with_effects
 from identification.diagnose.course import Course, Step
 from identification.diagnose.decide import Decision, decide, judged, refitted, worth_refitting
@@ -95,7 +96,7 @@ def test_the_hidden_effect_is_named_and_the_gap_closes(diagnosed):
 def test_a_right_model_leaves_what_is_allowed_and_a_wrong_one_more(diagnosed):
     # Noise alone, of 640 readings, allows 1.065; c2 and b, which only their sum holds, the more.
     assert max(diagnosed.gap_last, 1.065) < diagnosed.gap_allowed < 2.0
-    assert diagnosed.gap_first > diagnosed.base.allowed_gap()
+    assert diagnosed.gap_first > diagnosed.base.allowed_gap
     content = diagnosed.content()
     assert "departs" not in sentence(content)
     assert "departs more than noise" in sentence({**content, "gap_last": 3.0})
@@ -103,7 +104,7 @@ def test_a_right_model_leaves_what_is_allowed_and_a_wrong_one_more(diagnosed):
 
 def test_what_was_held_out_refutes_a_wrong_model_near_the_noise(diagnosed):
     assert refuted(diagnosed.base) and not refuted(diagnosed.last)
-    far = SimpleNamespace(training_gap=lambda: 10.0, held_out_gap=lambda: 9.0, allowed_gap=lambda: 1.1)
+    far = SimpleNamespace(training_gap=lambda: 10.0, held_out_gap=lambda: 9.0, allowed_gap=1.1)
     assert not refuted(far)  # type: ignore[arg-type]
 
 
@@ -186,7 +187,7 @@ def test_one_right_model_in_a_hundred_leaves_more_than_allowed(tmp_path):
         path = write_experiment(tmp_path / str(seed), [recording], release={"angle_sd": 0.01})
         likelihood = Searcher(Store(None, ""), 0, None).likelihood(Experiment.load(path))
         fitted = Fitted(likelihood, finished(likelihood, likelihood.start()))
-        allowed = fitted.allowed_gap()
+        allowed = fitted.allowed_gap
         beyond += fitted.held_out_gap() > allowed
         spreads.append(allowed)
     assert beyond <= 3  # of 30: by chance once in 3000
@@ -252,7 +253,7 @@ def test_twins_are_equivalent_and_the_advice_cannot_part_them(tmp_path, monkeypa
     assert [sorted(pair) for pair in content["advice"]["inseparable"]] == [[["quadratic_drag"], ["twin_drag"]]]
 
 
-def test_an_interrupted_diagnosis_goes_on(plain, nothing_found, tmp_path):
+def test_an_interrupted_diagnosis_goes_on(plain, nothing_found, tmp_path, monkeypatch):
     experiment = Experiment.load(plain)
 
     def stop(stage, *_):
@@ -268,6 +269,10 @@ def test_an_interrupted_diagnosis_goes_on(plain, nothing_found, tmp_path):
     assert [text for stage, text in stages if stage == "search"] == ["the model as given"]  # not searched again
     assert json.loads((tmp_path / "fits.json").read_text(encoding="utf-8"))["points"].items() >= kept.items()
     assert whole.content() == nothing_found.content()
+    # Interrupted after that: what was worked out for the report is there, too.
+    for module, name in ((unseen, "_reached"), (intervals_module, "_profile_end")):
+        monkeypatch.setattr(module, name, lambda *_: pytest.fail("this was known"))
+    assert diagnose(experiment, out=tmp_path).content() == nothing_found.content()
 
 
 def test_fits_of_other_inputs_are_not_used(tmp_path):

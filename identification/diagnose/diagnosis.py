@@ -19,6 +19,7 @@ from identification.diagnose.intervals import Interval, intervals
 from identification.diagnose.law import Law
 from identification.diagnose.law_shape import Shape, terms_of
 from identification.diagnose.repair import Repaired
+from identification.diagnose.search import Keep, at_once
 from identification.diagnose.simpler import ELASTIC, taken_out
 from identification.diagnose.unseen import Unseen, unseen
 from identification.experiment import Experiment
@@ -36,7 +37,8 @@ class Diagnosis:
     experiment: as given; repaired: the models examined and the steps between them, and the law learned of what they
     leave; final: the last model, the law in it, fitted to all that may be fitted; advice: the next experiment, None
     where nothing is open; warnings: what to know about the readings, and what was taken out of the model before
-    anything was added; others: models that would do as well, fitted likewise.
+    anything was added; others: models that would do as well, fitted likewise; keep: of what
+    is worked out for the report.
     """
 
     experiment: Experiment
@@ -46,6 +48,7 @@ class Diagnosis:
     seed: int
     warnings: tuple[str, ...] = ()
     others: tuple[Fitted, ...] = ()
+    keep: Keep = at_once
 
     @property
     def base(self) -> Fitted:
@@ -110,17 +113,17 @@ class Diagnosis:
         """Held-out gap of the repaired model, with the learned law where there is one."""
         return self.last.held_out_gap()
 
-    @functools.cached_property
+    @property
     def gap_allowed(self) -> float:
         """The held-out gap up to which the repaired model, if it is right, may well come."""
-        return self.last.allowed_gap()
+        return self.last.allowed_gap
 
     @functools.cached_property
     def parameters(self) -> dict[str, Interval]:
         """Unknowns of the repaired model, by name; of those of the cradle itself, an interval that holds whichever of
         several equivalent models is right."""
-        found = intervals(self.final)
-        for other in map(intervals, self.others):
+        found = intervals(self.final, self.keep)
+        for other in (intervals(other, self.keep) for other in self.others):
             for name in (name for name in found if name in other and "." not in name and "@" not in name):
                 low, high = zip(found[name].ci95, other[name].ci95, strict=True)
                 found[name] = dataclasses.replace(found[name], ci95=(min(low), max(high)))
@@ -135,7 +138,7 @@ class Diagnosis:
     def unseen(self) -> tuple[Unseen, ...]:
         """What else these data may hide; nothing can be said where the model does not describe them."""
         last = self.repaired.last
-        return () if last.significant else unseen(last.fitted, last.scored.scores)
+        return () if last.significant else unseen(last.fitted, last.scored.scores, self.keep)
 
     def model_toml(self) -> str:
         """The repaired model as a [model] table with its parameters, and, as comments, the cradle's own."""

@@ -174,6 +174,7 @@ class Fitted:
         """The gap on what was held out."""
         return self.gap(training_rows(self.experiment)[1])
 
+    @functools.cached_property
     def allowed_gap(self) -> float:
         """The gap on what was held out that a right model passes by chance once in a hundred times."""
         held = Likelihood(self.experiment, training_rows(self.experiment)[1], self.likelihood.workers)

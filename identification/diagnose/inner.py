@@ -58,7 +58,7 @@ def gap_within(fitted: Fitted, searcher: Searcher) -> tuple[Fitted, float]:
 def refuted(fitted: Fitted) -> bool:
     """Whether a model that comes near the noise predicts what was held out worse than a right one does but once in a
     hundred times."""
-    return fitted.training_gap() <= FAR and fitted.held_out_gap() > fitted.allowed_gap()
+    return fitted.training_gap() <= FAR and fitted.held_out_gap() > fitted.allowed_gap
 
 
 def _fitted_within(fitted: Fitted, searcher: Searcher) -> Fitted:

@@ -11,6 +11,7 @@ from scipy.stats import norm, truncnorm
 from cradle_env.simulation import in_threads
 from identification.diagnose.fitted import Fitted
 from identification.diagnose.profile import EVALUATIONS, profile_end
+from identification.diagnose.search import Keep, at_once, fit_key
 from identification.fit import SEVERAL, bounds, refine
 from identification.likelihood import Likelihood
 from identification.linear_algebra import on_one_thread
@@ -29,15 +30,20 @@ class Interval:
 
 
 @on_one_thread
-def intervals(fitted: Fitted) -> dict[str, Interval]:
+def intervals(fitted: Fitted, keep: Keep = at_once) -> dict[str, Interval]:
     """Medians and 95 % intervals by Laplace, inflated for residuals that are not white and cut at the bounds; of
     fewer than three bobs, over which the misfit is smooth, the intervals of what is of the model by profile: of
-    unknowns that make up for each other the most probable values may lie on a bent ridge."""
+    unknowns that make up for each other the most probable values may lie on a bent ridge. keep: of ends of profiles."""
     deviations = np.sqrt(np.maximum(np.diag(fitted.covariance), 1e-300))
     smooth = fitted.cradle.bobs < SEVERAL and not fitted.learned
     followed = [i for i, u in enumerate(fitted.likelihood.unknowns) if smooth and not u.nuisance]
     steps = [(i, sign * deviations[i]) for i in followed for sign in (-1.0, 1.0)]
-    reached = in_threads(lambda step: _profile_end(fitted, *step), steps, fitted.likelihood.workers)
+
+    def end(step: tuple[int, float]) -> float:
+        key = fit_key("end of an interval", fitted.experiment, fitted.point.tolist(), *step)
+        return float(keep(key, lambda: np.array([_profile_end(fitted, *step)]))[0])
+
+    reached = in_threads(end, steps, fitted.likelihood.workers)
     by_profile = dict(zip(followed, zip(reached[::2], reached[1::2], strict=True), strict=True))
     found = {}
     for i, (u, z, sd) in enumerate(zip(fitted.likelihood.unknowns, fitted.point, deviations, strict=True)):

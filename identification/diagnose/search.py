@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import math
+import threading
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -31,12 +32,22 @@ _FOLLOWED, _FIRST, _KEPT, _LAST, _FEW = 3, 6, 2, 40, 2
 _ATTEMPTS, _NOISE = 4, 1.0
 
 
+#: How the result of long work, a vector, is kept: the key of the work, and the work.
+Keep = Callable[[str, Callable[[], np.ndarray]], np.ndarray]
+
+
+def at_once(_: str, find: Callable[[], np.ndarray]) -> np.ndarray:
+    """What is found, kept nowhere."""
+    return find()
+
+
 class Store:
     """Points of finished fits by what was fitted, in a file (None: in memory only). inputs: "program/data", of which
     fits of other data are refused (ExperimentError), and those by another program made anew."""
 
     def __init__(self, path: Path | None, inputs: str):
         self.path, self.inputs, self.points = path, inputs, {}
+        self._writing = threading.Lock()
         if path is not None and path.is_file():
             try:
                 known = json.loads(path.read_text(encoding="utf-8"))
@@ -57,12 +68,14 @@ class Store:
         return cls(path, f"{program(known_effects())}/{experiment.digest}/{seed}")
 
     def point(self, key: str, find: Callable[[], np.ndarray]) -> np.ndarray:
-        """The point of that key, found if it is not known."""
+        """The point of that key, found if it is not known; of several threads at once, too."""
         if key not in self.points:
-            self.points[key] = [float(z) for z in find()]
-            if self.path is not None:
-                text = json_text({"inputs": self.inputs, "points": self.points})
-                write_together(self.path.parent, {self.path.name: text})
+            found = [float(z) for z in find()]
+            with self._writing:
+                self.points[key] = found
+                if self.path is not None:
+                    text = json_text({"inputs": self.inputs, "points": self.points})
+                    write_together(self.path.parent, {self.path.name: text})
         return np.array(self.points[key])
 
 

@@ -8,7 +8,6 @@ its standard deviations, refits follow to where the data do exclude s.
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -24,6 +23,7 @@ from identification.diagnose.candidates import Candidate, is_strength, strength,
 from identification.diagnose.fitted import Fitted
 from identification.diagnose.profile import EVALUATIONS, profile_end
 from identification.diagnose.score import LEAST_SEEN, Score, Sensed, change
+from identification.diagnose.search import Keep, at_once, fit_key
 from identification.fit import SEVERAL, bounds, cost, refine
 from identification.likelihood import Likelihood
 from identification.linear_algebra import on_one_thread
@@ -76,9 +76,9 @@ class _Foretold:
 
 
 @on_one_thread
-def unseen(fitted: Fitted, scores: Sequence[Score]) -> tuple[Unseen, ...]:
+def unseen(fitted: Fitted, scores: Sequence[Score], keep: Keep = at_once) -> tuple[Unseen, ...]:
     """Of each absent effect with one strength, how much data may hide, in that of its shapes of which they may to first
-    order hide what moves unknowns most; what would move unknowns most comes first."""
+    order hide what moves unknowns most; what would move unknowns most comes first. keep: of limits."""
     several = []
     for own in scores:
         strengths = [p for p in own.candidate.declaration.parameters if is_strength(p)]
@@ -89,8 +89,10 @@ def unseen(fitted: Fitted, scores: Sequence[Score]) -> tuple[Unseen, ...]:
     workers, farthest = fitted.likelihood.workers, {}
     for one in in_threads(lambda shape: _foretold(fitted, *shape), several, workers):
         known = farthest.get(one.candidate, one)
-        farthest[one.candidate] = max(known, one, key=lambda one: _farthest(_told(fitted, sd, one)))
-    found = in_threads(lambda one: _hidden(fitted, sd, one), list(farthest.values()), workers)
+        farthest[one.candidate] = max(
+            known, one, key=lambda one: _farthest(_told(fitted, sd, one, _to_first_order(one)))
+        )
+    found = in_threads(lambda one: _hidden(fitted, sd, one, keep), list(farthest.values()), workers)
     return tuple(sorted(found, key=_farthest, reverse=True))
 
 
@@ -98,13 +100,17 @@ def _farthest(one: Unseen) -> float:
     return max(map(abs, one.moves.values()), default=math.inf)
 
 
-def _told(fitted: Fitted, sd: np.ndarray, one: _Foretold, further: tuple[float, np.ndarray] | None = None) -> Unseen:
-    """As it is reported, to first order or further, where (limit, how far the point moves, (D,)) is known; sd (D,): the
-    point's standard deviations."""
+def _to_first_order(one: _Foretold) -> np.ndarray:
+    """The limit [scales] and how far the point moves there, (1 + D,); (0,) where there is none."""
+    return np.array([]) if one.limit is None else one.limit * np.array([1.0, *one.slope])
+
+
+def _told(fitted: Fitted, sd: np.ndarray, one: _Foretold, reached: np.ndarray) -> Unseen:
+    """As it is reported. sd (D,): the point's standard deviations; reached: as `_to_first_order` has it."""
     candidate, parameter = one.candidate, one.parameter
-    if one.limit is None:
+    if not len(reached):
         return Unseen(candidate.name, candidate.alike, parameter, None, {})
-    limit, moved = further or (one.limit, one.limit * one.slope)
+    limit, *moved = map(float, reached)
     moves = {
         name: float(moved[i] / sd[i])
         for i, name in enumerate(fitted.likelihood.names) if name in ("k_f", "kappa", "b")
@@ -122,12 +128,18 @@ def _foretold(fitted: Fitted, candidate: Candidate, sensed: Sensed, parameter: P
     return _Foretold(candidate, sensed, parameter, low, high, limit, S, _absorbs(fitted, S))
 
 
-def _hidden(fitted: Fitted, sd: np.ndarray, one: _Foretold) -> Unseen:
-    """How much of an effect the data may hide, followed by refits where that is not as foretold."""
+def _hidden(fitted: Fitted, sd: np.ndarray, one: _Foretold, keep: Keep) -> Unseen:
+    """How much of an effect the data may hide."""
+    what = one.candidate.label, one.limit, one.slope.tolist()
+    key = fit_key("limit", fitted.experiment, fitted.point.tolist(), *what)
+    return _told(fitted, sd, one, keep(key, lambda: _reached(fitted, one)))
+
+
+def _reached(fitted: Fitted, one: _Foretold) -> np.ndarray:
+    """As `_to_first_order` has it, followed by refits where that is not as foretold."""
     if one.limit is None or (rounds := _rounds(fitted, one, one.limit)) is None:
-        return _told(fitted, sd, one)
-    further = _follow(fitted, one, rounds)
-    return _told(fitted, sd, dataclasses.replace(one, limit=None) if further is None else one, further)
+        return _to_first_order(one)
+    return _follow(fitted, one, rounds)
 
 
 def _limit(
@@ -181,10 +193,10 @@ def _rounds(fitted: Fitted, one: _Foretold, limit: float) -> int | None:
     return _ROUGH_ROUNDS if jump else 0
 
 
-def _follow(fitted: Fitted, one: _Foretold, rounds: int) -> tuple[float, np.ndarray] | None:
+def _follow(fitted: Fitted, one: _Foretold, rounds: int) -> np.ndarray:
     """The strength [scales] between its bounds that is as far from none as the data allow, by the profile of χ², and
-    how far the point moves there, (D,); None where the data hardly exclude what is beyond its bounds. rounds: over a
-    rough misfit, of each refit."""
+    how far the point moves there, (1 + D,); (0,) where the data hardly exclude what is beyond its bounds. rounds: over
+    a rough misfit, of each refit."""
     inflation = fitted.coloured[0]
     sd = math.sqrt(inflation) / float(np.linalg.norm(fitted.project(one.S)))
     visited = {0.0: (fitted.chi2, fitted.point)}
@@ -208,14 +220,15 @@ def _follow(fitted: Fitted, one: _Foretold, rounds: int) -> tuple[float, np.ndar
             fitted.point, step * one.slope, abs(bound) / sd, _END,
         )  # fmt: skip
         if u >= abs(bound) / sd and refit(bound, point)[1] < 1.0:
-            return None
+            return np.array([])
     several = sorted(visited)
     chi2 = PchipInterpolator(several, [visited[s][0] for s in several])
     grid = np.linspace(several[0], several[-1], _GRID)
     density = np.exp(-0.5 * (chi2(grid) - chi2(grid).min()) / inflation)
     limit = float(max(np.interp(_tails(one.low), np.cumsum(density) / density.sum(), grid), key=abs))
     points = np.array([visited[s][1] for s in several])
-    return limit, np.array([np.interp(limit, several, column) for column in points.T]) - fitted.point
+    moved = np.array([np.interp(limit, several, column) for column in points.T]) - fitted.point
+    return np.array([limit, *moved])
 
 
 def _tails(low: float) -> tuple[float, ...]:

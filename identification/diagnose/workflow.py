@@ -59,7 +59,7 @@ def diagnose(
     final = searcher.on_everything(repaired.last.fitted if repaired.law is None else repaired.law.fitted)
     others = _others(repaired, searcher)
     advice = _advice(repaired, others, searcher, seed, tell)
-    return Diagnosis(experiment, repaired, final, advice, seed, warnings, tuple(others.values()))
+    return Diagnosis(experiment, repaired, final, advice, seed, warnings, tuple(others.values()), store.point)
 
 
 def _advice(
