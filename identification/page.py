@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from identification.experiment import Experiment
+from identification.wording import minus
 
 
 def page(template: str, work: str, experiment: Experiment, **content: Any) -> str:
@@ -20,9 +21,15 @@ def page(template: str, work: str, experiment: Experiment, **content: Any) -> st
     )
 
 
+def _shown(value: Any) -> Any:
+    """Plain numbers as they are printed, with a minus."""
+    return minus(str(value)) if isinstance(value, float) else value
+
+
 def render(template: str, **content: Any) -> str:
     """The page of a template that needs no experiment."""
     from jinja2 import Environment, PackageLoader, StrictUndefined
 
-    environment = Environment(loader=PackageLoader("identification"), autoescape=True, undefined=StrictUndefined)
+    loader = PackageLoader("identification")
+    environment = Environment(loader=loader, autoescape=True, undefined=StrictUndefined, finalize=_shown)
     return environment.get_template(template).render(**content)

@@ -13,6 +13,11 @@ _SUBSCRIPTS = str.maketrans("₀₁₂₃₄₅₆₇₈₉", "0123456789")
 _SUPERSCRIPTS = str.maketrans("0123456789-", "⁰¹²³⁴⁵⁶⁷⁸⁹⁻")
 
 
+def minus(number: str) -> str:
+    """A number as print has it, with a minus for a hyphen."""
+    return number.replace("-", "−")
+
+
 def _parts(symbol: str) -> tuple[str, str]:
     """(letter, subscript) of a symbol such as "k_f" or "c₂"."""
     letter, _, subscript = re.sub(r"([₀-₉]+)", r"_\1", symbol).partition("_")
@@ -41,8 +46,8 @@ def unit_mathtext(unit: str, exponent: int = 0) -> str:
 
 def unit_markup(unit: str, exponent: int = 0) -> str:
     """A unit, times a power of ten, as HTML; empty for a plain number."""
-    factor = f"10<sup>{exponent}</sup>".replace("-", "−") if exponent else ""
-    power = lambda match: f"<sup>{match[1].replace('-', '−')}</sup>"  # noqa: E731
+    factor = f"10<sup>{minus(str(exponent))}</sup>" if exponent else ""
+    power = lambda match: f"<sup>{minus(match[1])}</sup>"  # noqa: E731
     unit = "" if unit == "1" else re.sub(r"\^(-?[\d/]+)", power, html.escape(unit))
     return " ".join(part for part in (factor, unit) if part)
 
@@ -77,7 +82,7 @@ class Rounding:
         if value is None or not math.isfinite(value):
             return "–"
         rounded = round(value / 10.0**self.exponent, self.decimals) + 0.0  # no −0
-        return f"{rounded:.{self.decimals}f}".replace("-", "−")
+        return minus(f"{rounded:.{self.decimals}f}")
 
 
 def rounding_of(statistics: Mapping[str, Any]) -> Rounding:
@@ -94,7 +99,7 @@ def shown(statistics: Mapping[str, Any]) -> dict[str, str]:
 
 def number(value: float | None, digits: int = 3) -> str:
     """A plain number to some digits; a dash where there is none."""
-    return "–" if value is None or not math.isfinite(value) else f"{value:#.{digits}g}".rstrip(".")
+    return "–" if value is None or not math.isfinite(value) else minus(f"{value:#.{digits}g}".rstrip("."))
 
 
 def ratio(value: float | None) -> str:

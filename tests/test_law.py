@@ -212,6 +212,7 @@ def test_where_nothing_known_fits_the_law_goes_into_the_model(rubbed, monkeypatc
     assert learned["gap_after"] == content["gap_last"] < 0.3 * content["gap_first"]
     page = (tmp_path / "report.html").read_text(encoding="utf-8")
     assert page.count("data:image/png;base64,") == 5 and learned["words"][0] in page
+    assert "repaired by a law learned from the data" in page and "before and after are the same" not in page
     base, added = read_model(tmp_path / "model.toml")
     cradle = Cradle(bobs=1, model=base, effects=added)
     assert cradle.effects == diagnosis.model.effects

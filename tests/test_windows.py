@@ -7,7 +7,7 @@ from scipy.signal import lombscargle
 
 from identification.diagnose.fitted import Fitted, with_known_noise
 from identification.diagnose.lines import frequencies, independent, power
-from identification.diagnose.locate import locate
+from identification.diagnose.locate import in_words, locate
 from identification.diagnose.search import Searcher, Store, finished, placed
 from identification.diagnose.windows import windows
 from identification.experiment import Experiment
@@ -74,6 +74,11 @@ def test_a_wrong_damping_is_located_by_its_energy(damped):
     located = locate(fitted, fitted.replicates(100, np.random.default_rng(0), (False,)))
     value = {place.phase: v for place, v in zip(located.places, located.statistic, strict=True)}
     assert value["energy"] > np.quantile(located.replicas, 0.99)
+    told = {phase: in_words(phase) for phase in (place.told(fitted.residuals) for place in located.places)}
+    assert {phase for phase, words in told.items() if words == f"a {phase}"} == {
+        phase for phase in told if phase.startswith("line at ")
+    }  # all else has words of its own
+    assert told["unknowns"] == "unknowns other than those of the whole" and told["0–45°"] == "0–45° of the swing"
 
 
 def test_a_room_that_shakes_is_located_by_its_frequency(tmp_path):

@@ -12,6 +12,15 @@ DRY, SLOW, STICK, HUMP = 0.01, 0.1, 0.07, math.sqrt(2.0 * math.e)
 
 #: Where humps of force stand, in units of the scale of angles, and their width.
 CENTRES, WIDTH = (-0.75, -0.5, -0.25, 0.0, 0.25, 0.5, 0.75), 0.25
+
+
+def _hump(centre: float) -> tuple[str, str]:
+    if centre == 0.0:
+        return f"exp(−(x/{WIDTH:g})²)", "a push about the middle of the swing"
+    less, side = ("−", "") if centre > 0.0 else ("+", "−")
+    return f"exp(−((x {less} {abs(centre):g})/{WIDTH:g})²)", f"a push around {side}{abs(100 * centre):g} % of the swing"
+
+
 #: Parameters that are no coefficients; all stand in the order of these, then `TERMS`.
 SCALES = ("angle", "speed", "frequency")
 #: Each term's shape, x = θ/angle, u = v/speed, ω = 2π frequency, t from the start of the run, and its meaning. All act
@@ -31,10 +40,7 @@ TERMS = {
     "wide": ("−x² u", "drag that grows by the square of the angle"),
     "loaded": ("−x² tanh(100 u)", "dry friction that grows by the square of the angle"),
     "radial": ("−u_r", "drag along the string"),
-    **{
-        f"hump_{i}": (f"exp(−((x − {c:g})/{WIDTH:g})²)", f"a push around {100 * c:g} % of the swing")
-        for i, c in enumerate(CENTRES, 1)
-    },
+    **{f"hump_{i}": _hump(centre) for i, centre in enumerate(CENTRES, 1)},
     "cosine": ("cos ωt", "a horizontal force that swings by itself, as it is at the start"),
     "sine": ("sin ωt", "a horizontal force that swings by itself, a quarter of its period later"),
 }

@@ -18,6 +18,7 @@ from identification.diagnose.fitted import Fitted
 from identification.diagnose.intervals import Interval, intervals
 from identification.diagnose.law import Law
 from identification.diagnose.law_shape import Shape, terms_of
+from identification.diagnose.locate import in_words
 from identification.diagnose.repair import Repaired
 from identification.diagnose.search import Keep, at_once
 from identification.diagnose.simpler import ELASTIC, taken_out
@@ -278,4 +279,4 @@ def described(where: tuple[dict, ...]) -> str:
     worst = where[0]
     bob = "all bobs" if worst["bob"] is None else f"bob {worst['bob']}"
     begin, end = worst["t"]
-    return f"most of all in {worst['run']} at {bob}, {begin:.3g} to {end:.3g} s, phase {worst['phase']}"
+    return f"most of all in {worst['run']} at {bob}, {begin:.3g} to {end:.3g} s: {in_words(worst['phase'])}"

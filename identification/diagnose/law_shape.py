@@ -24,6 +24,7 @@ from identification.diagnose.intervals import Interval
 from identification.diagnose.law import Law
 from identification.diagnose.terms import FREQUENCY
 from identification.likelihood import STEP_FACTOR
+from identification.wording import minus
 
 _POINTS = 121
 #: Relative step of k_f and of a frequency in differences.
@@ -249,7 +250,8 @@ def _described(curve: Curve) -> str:
     unit = curve.y_label.partition("[")[2].rstrip("]")
     added = _added(curve)
     k = int(np.argmax(np.abs(added)))
-    peak, at = added[k], f"{curve.x[k]:.3g} {curve.x_label.partition('[')[2].rstrip(']')}"
+    peak, signed = added[k], minus(f"{added[k]:+.2g}")
+    at = f"{curve.x[k]:.3g} {curve.x_label.partition('[')[2].rstrip(']')}"
     if what.startswith("against motion along"):
         way = "against" if peak > 0.0 else "with"
         return f"on {who}, a force {way} its motion along the string, up to {abs(peak):.2g} {unit} at {at}"
@@ -265,18 +267,19 @@ def _described(curve: Curve) -> str:
         odd, even = 0.5 * (added - added[::-1]), 0.5 * (added + added[::-1])
         if _size(odd) > 2.0 * _size(even):
             way = "towards the middle" if odd[-1] < 0.0 else "away from the middle"
-            return f"on {who}, a push {way} by up to {_size(odd):.2g} {unit}, the same on both sides"
+            alike = "the same" if _size(even) < _WORTH * _size(odd) else "about the same"
+            return f"on {who}, a push {way} by up to {_size(odd):.2g} {unit}, {alike} on both sides"
         if _size(even) > 2.0 * _size(odd):
-            return f"on {who}, a push to one side at any angle, {peak:+.2g} {unit} at {at}"
-        return f"on {who}, a push that depends on the angle, {peak:+.2g} {unit} at {at}"
+            return f"on {who}, a push to one side at any angle, {signed} {unit} at {at}"
+        return f"on {who}, a push that depends on the angle, {signed} {unit} at {at}"
     if what.startswith("the same both ways"):
-        return f"on {who}, a push to one side whichever way it moves, {peak:+.2g} {unit} at {at}"
+        return f"on {who}, a push to one side whichever way it moves, {signed} {unit} at {at}"
     if what == "restitution":
         taken = ((1.0 - curve.y) * curve.x)[curve.y > 0.0]
         if taken.size and taken.min() > _SAME * taken.max() > 0.0:
             return f"every impact takes about the same speed, {1e3 * np.median(taken):.2g} mm/s, as between wet balls"
-        return f"at impacts, e departs from that of the model without the law by {peak:+.2g} at {at}"
-    return f"between {who}: {what}, {peak:+.2g} {unit} at a gap of {at}"
+        return f"at impacts, e departs from that of the model without the law by {signed} at {at}"
+    return f"between {who}: {what}, {signed} {unit} at a gap of {at}"
 
 
 def _growth(curve: Curve) -> str:

@@ -29,12 +29,29 @@ _FEWEST, _MOST_SHOWN = 20, 12
 _PARTS = (0.25, 0.5, 0.75)
 
 
+#: What is sought in a place, and how reports put it; of sectors of the swing and of lines, see `in_words`.
+PHASES = {
+    "all": "all residuals",
+    "flight": "in flight",
+    "impact": "near impacts",
+    "amplitude": "an amplitude that is off",
+    "frequency": "a frequency that is off",
+    "energy": "energy lost otherwise",
+    "unknowns": "unknowns other than those of the whole",
+    "within": "within the window, its start inferred",
+}
+
+
+def in_words(phase: str) -> str:
+    """What was sought in a place: one of `PHASES`, a line, or a sector of the swing."""
+    return PHASES.get(phase, f"{phase} of the swing" if phase.endswith("°") else f"a {phase}")
+
+
 @dataclass(frozen=True)
 class Place:
     """Part of the residuals: rows (R',) among them, and what is sought there: orthonormal columns (R', k), or, with
-    None, the sum of squares. bob −1: all bobs; phase: "all", "flight", "impact", a sector of the swing, "amplitude",
-    "frequency", "energy" or "line" over the run, "unknowns" as its beginning has them, or "within" a window, the state
-    at its start inferred."""
+    None, the sum of squares. bob −1: all bobs; phase: one of `PHASES`, "line", or a sector of the swing, of which 0° is
+    where x is largest."""
 
     run: int
     bob: int

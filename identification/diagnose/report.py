@@ -11,6 +11,7 @@ from typing import Any
 from cradle_env.effects import effect
 from identification.diagnose.candidates import one_sided
 from identification.diagnose.diagnosis import FORMAT, Diagnosis
+from identification.diagnose.locate import in_words
 from identification.diagnose.pictures import (
     candidates_figure,
     comparison_figure,
@@ -23,7 +24,7 @@ from identification.files import check_own, write_listed
 from identification.fit import Progress
 from identification.page import page
 from identification.style import png
-from identification.wording import Rounding, markup, number, ratio, unit_markup
+from identification.wording import Rounding, markup, minus, number, ratio, unit_markup
 
 _STAMP, _FILES = "diagnosis.json", ("report.html", "model.toml")
 
@@ -82,6 +83,7 @@ def html(diagnosis: Diagnosis, content: Mapping[str, Any]) -> str:
         pictures={name: base64.b64encode(png(figure)).decode() for name, figure in pictures.items()},
         model_toml=diagnosis.model_toml(),
         number=number,
+        in_words=in_words,
         law=_law(content["remainder"]["law"]),
         unseen=_unseen(diagnosis),
     )  # fmt: skip
@@ -117,7 +119,7 @@ def _unseen(diagnosis: Diagnosis) -> dict[str, Any]:
                 "name": name, "symbol": f"{bar}{markup(one.parameter.symbol)}{bar}",
                 "sign": "≥" if least else "≤", "limit": rounding.text(abs(one.limit)),
                 "unit": unit_markup(one.parameter.unit, rounding.exponent),
-                "moves": [f"{move:+.1f}" if abs(move) < _MANY else f"{'−' if move < 0 else '+'}{_MANY:.0f} or more"
+                "moves": [minus(f"{move:+.1f}" if abs(move) < _MANY else f"{math.copysign(_MANY, move):+.0f} or more")
                           for move in one.moves.values()],
             })  # fmt: skip
     return {"symbols": [symbols[name] for name in names], "rows": rows}
