@@ -151,7 +151,8 @@ def sentence(content: Mapping[str, Any]) -> str:
             f"Nothing is missing: what the model leaves is noise (held-out gap {ratio(content['gap_last'])}).{departs}"
         )
     if content["verdict"] == "named":
-        return f"Missing from the model: {names}; with it, {gaps}.{rest}{departs}"
+        them = "it" if len(content["steps"]) == 1 else "them"
+        return f"Missing from the model: {names}; with {them}, {gaps}.{rest}{departs}"
     if content["verdict"] == "equivalent":
         sets = " or ".join(" with ".join(members) for members in content["equivalent"])
         certain = f"Missing from the model: {names}, and besides" if names else "Missing from the model:"
