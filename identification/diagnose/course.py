@@ -12,6 +12,7 @@ from identification.diagnose.decide import (
     ALPHA,
     CLOSE,
     Decision,
+    again,
     beside,
     decide,
     from_anywhere,
@@ -123,6 +124,7 @@ class Course:
         if self._in_a_better_mode(-1, decision.chosen.fitted, _MODE * decision.chosen.gain):
             return True  # the model may lack less than it seemed
         self._take(decision)
+        self._where_it_led()
         self._another()
         self._one_for_two()
         return True
@@ -158,6 +160,27 @@ class Course:
             before, after = (better if fitted is was else fitted for fitted in (step.before, step.after))
             self.steps[i] = dataclasses.replace(step, before=before, after=after)
         return True
+
+    def _where_it_led(self) -> None:
+        """Decides again where the effect taken last led to a better mode than that it was chosen for, which others may
+        lead to as well."""
+        was, last = self.decisions[-1], self.examined[-1].fitted
+        if was.chosen is None or was.chosen.fitted.chi2 - last.chi2 <= last.unit:
+            return
+        self._in_a_better_mode(-2, last, last.unit)
+        before = self.examined[-2]
+        decision = again(before.fitted, was, before.scored, self.searcher, self.tell)
+        if decision.chosen is None:
+            return
+        if decision.chosen.candidate != was.chosen.candidate:
+            self._instead(decision, 1)
+        else:
+            self.decisions[-1] = decision
+            self.steps = [
+                dataclasses.replace(step, decision=decision, probability=decision.probability)
+                if step.decision is was else step
+                for step in self.steps
+            ]  # fmt: skip
 
     def _another(self) -> None:
         """Puts another effect in the place of the first, where that leaves more than noise and another, its model

@@ -151,8 +151,14 @@ def from_anywhere(
             fits[candidate] = searcher.globally(fits[candidate].experiment)
         except SimulationError:
             continue
-    fits = _alike(fitted, fits, scored, searcher, tell)
-    return _decision(fitted, fits, scored, searcher)
+    return again(fitted, decision, scored, searcher, tell)
+
+
+def again(fitted: Fitted, decision: Decision, scored: Scored, searcher: Searcher, tell: Progress) -> Decision:
+    """A decision again, by the best fits known by now, what looks the same refitted from where the best has its
+    mode."""
+    fits = {refit.candidate: searcher.best(refit.fitted) for refit in decision.refits}
+    return _decision(fitted, _alike(fitted, fits, scored, searcher, tell), scored, searcher)
 
 
 def that_stands(
@@ -160,10 +166,10 @@ def that_stands(
 ) -> Decision:  # fmt: skip
     """A decision again, after searches from anywhere, between those candidates alone with which a model leaves only
     noise and predicts what was held out."""
-    again = from_anywhere(fitted, decision, scored, searcher, tell, lambda _: False)
-    refits = [refit for refit in _significant(again.refits) if _stands(refit.fitted)]
+    found = from_anywhere(fitted, decision, scored, searcher, tell, lambda _: False)
+    refits = [refit for refit in _significant(found.refits) if _stands(refit.fitted)]
     chosen = refits[0] if refits else None
-    return dataclasses.replace(again, chosen=chosen, probability=_probability(chosen, refits))
+    return dataclasses.replace(found, chosen=chosen, probability=_probability(chosen, refits))
 
 
 def _stands(fitted: Fitted) -> bool:
