@@ -8,7 +8,7 @@ import pytest
 from cradle_env import Cradle
 from identification.diagnose import course, decide, repair, search
 from identification.diagnose.candidates import Candidate
-from identification.diagnose.course import Course
+from identification.diagnose.course import Course, Step
 from identification.diagnose.decide import CLOSE, Decision, hidden, of_the_period
 from identification.diagnose.fitted import with_known_noise
 from identification.diagnose.search import Searcher, Store
@@ -109,3 +109,38 @@ def test_what_leaves_more_than_noise_was_not_hidden(monkeypatch, significant):
     counts = len(so_far.examined), len(so_far.decisions), len(so_far.steps)
     assert counts == ((1, 1, 0) if significant else (2, 1, 1))
     assert (so_far.decisions[0].chosen is None) == significant
+
+
+@pytest.mark.parametrize(("chi2", "other"), [(99.5, "length"), (50.0, "length"), (50.0, "clock")])
+def test_where_an_effect_leads_to_a_better_mode_the_decision_is_made_again(monkeypatch, chi2, other):
+    """Better by more than one unit of χ², here 1."""
+
+    def chose(name):
+        return Decision((), SimpleNamespace(candidate=name, fitted=SimpleNamespace(chi2=100.0)), 0.9, 1.0, 100.0)  # type: ignore[arg-type]
+
+    was, now, instead = chose("length"), chose(other), []
+    last = SimpleNamespace(chi2=chi2, unit=1.0)
+    examined = [SimpleNamespace(fitted="base", scored=None), SimpleNamespace(fitted=last)]
+    steps = [Step("length_mismatch", *(SimpleNamespace(),) * 2, 0.5, was)]  # type: ignore[arg-type]
+    so_far = Course(None, 0, (False,), QUIET, examined, [was], steps)  # type: ignore[arg-type]
+    monkeypatch.setattr(course, "again", lambda *_: now)
+    monkeypatch.setattr(so_far, "_in_a_better_mode", lambda *_: False)
+    monkeypatch.setattr(so_far, "_instead", lambda decision, count: instead.append((decision, count)))
+    so_far._where_it_led()
+    moved = chi2 < 99.0
+    assert instead == ([(now, 1)] if moved and other != "length" else [])
+    taken = now if moved and other == "length" else was
+    assert so_far.decisions == [taken] and so_far.steps[0].decision is taken
+
+
+@pytest.mark.slow
+def test_a_common_mass_is_not_taken_for_two_lengths(tmp_path):
+    """23-added_mass of the study: lengths of two values lead out of a mode in which added mass, clock and a common
+    length are stuck; near the right κ these do as well, with one unknown less."""
+    apparatus = Apparatus(next(case for case in cases([23]) if case.name == "23-added_mass"))
+    path = apparatus.write(tmp_path, apparatus.record([5.3e-4], True))
+    searcher = Searcher(Store(None, ""), 0, None)
+    repaired = repair.repair(searcher.globally(with_known_noise(Experiment.load(path))), searcher, 0, (True,), QUIET)
+    found = {one.name for several in repaired.alternatives for one in several}
+    assert found == {"length_mismatch", "added_mass", "clock_scale"}
+    assert abs(repaired.last.fitted.values["kappa"] / apparatus.truth["kappa"] - 1.0) < 0.01
