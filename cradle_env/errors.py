@@ -34,7 +34,7 @@ def check_range(
     except (TypeError, ValueError, OverflowError):
         raise ValueError(f"{name} is {value!r}, which is not a number; give it in {unit or 'plain numbers'}") from None
     if not (math.isfinite(number) and number <= high and (number > low if above else number >= low)):
-        bounds = []
+        bounds = [] if math.isfinite(number) else ["finite"]
         if low > -math.inf:
             bounds.append(f"{'greater than' if above else 'at least'} {low:g}")
         if high < _ABSURD or number > high:

@@ -22,8 +22,9 @@ def page(template: str, work: str, experiment: Experiment, **content: Any) -> st
 
 
 def _shown(value: Any) -> Any:
-    """Plain numbers as they are printed, with a minus."""
-    return minus(str(value)) if isinstance(value, float) else value
+    """Plain numbers, one or several, as they are printed, with a minus."""
+    several = value if isinstance(value, list | tuple) else [value]
+    return minus(str(value)) if several and all(isinstance(one, float) for one in several) else value
 
 
 def render(template: str, **content: Any) -> str:

@@ -1,6 +1,6 @@
 """Whether the errors of right models are what their intervals say: python -m tests.study_errors [--processes 2]
 
-A diagnosis that names rightly may do so because its noise helped. Here no verdict chooses: every held-out apparatus of
+A diagnosis that names rightly may do so because its noise helped. Here no verdict chooses: each held-out apparatus of
 the study, of up to three bobs and with one effect or two of the catalogue as their formulas have them, is filmed again
 with other noise and another slip of the release, and the right model is refitted from the truth, by what a diagnosis
 ends with. Rows go to docs/study_errors.jsonl as they are found, and the same command goes on.

@@ -360,8 +360,10 @@ def test_what_a_command_has_not_written_is_refused_before_any_work(
     monkeypatch.chdir(tmp_path)
     pair.save(tmp_path)
     (tmp_path / "calibrated").symlink_to(calibrated)
-    for module in ("fit.find_mode", "posterior.Posterior.load", "bench.run.race", "sweep.engine.simulate"):
-        monkeypatch.setattr(f"identification.{module}", lambda *_, **__: pytest.fail("worked"))
+    work = ("calibration.find_mode", "diagnose.search.find_mode", "posterior.Posterior.load", "bench.run.race",
+            "sweep.engine.simulate")  # fmt: skip
+    for name in work:
+        monkeypatch.setattr(f"identification.{name}", lambda *_, **__: pytest.fail("worked"))
     for name in names:
         out = tmp_path / f"beside-{name}"
         out.mkdir()

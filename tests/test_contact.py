@@ -37,7 +37,8 @@ def test_restitution_and_contact_time(k_f: float, mass: float) -> None:
     peer = [scipy_peer.kk_pair(k_f * cradle.k_el**-0.6 * m**-0.4 * v**0.2) for v in speeds]
     e, duration = np.array(peer).T * [[1.0], [1.0]]
     duration *= (m**2 / (cradle.k_el**2 * speeds)) ** 0.2
-    np.testing.assert_allclose(restitution_curve(cradle, speeds), e, rtol=0, atol=1e-9)  # as asked for
+    # 1e-9 is asked for; 1.4e-12 was measured.
+    np.testing.assert_allclose(restitution_curve(cradle, speeds), e, rtol=0, atol=5e-12)
     np.testing.assert_allclose(contact_times(cradle, speeds), duration, rtol=1e-9)
 
 
@@ -220,7 +221,7 @@ def difference(
 @pytest.mark.parametrize("bobs", [2, 3, 5])
 @pytest.mark.parametrize("delta", [0.0, -0.005, 0.002])
 def test_short_contacts_with_hysteresis(bobs: int, delta: float) -> None:
-    assert difference(bobs, delta, "hysteretic", 1e4) < 2e-4  # as asked for; 1.5e-5 to 4.7e-5 were measured
+    assert difference(bobs, delta, "hysteretic", 1e4) < 1e-4  # 2e-4 is asked for; 1.5e-5 to 4.7e-5 were measured
 
 
 @pytest.mark.parametrize(

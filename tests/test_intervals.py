@@ -1,8 +1,6 @@
 """Intervals of a diagnosis: by profile where the misfit is smooth."""
 
-import json
 import math
-from pathlib import Path
 from types import SimpleNamespace
 from unittest import mock
 
@@ -19,6 +17,8 @@ from identification.experiment import Experiment
 from identification.unknowns import Unknown
 from tests.independent.laboratory import record, write_experiment
 from tests.independent.soft_contact import SoftCradle
+from tests.study_rows import rows_of
+from tests.study_table import ROWS
 from tests.synthetic import early_case
 
 WIDTH = 0.01
@@ -101,8 +101,7 @@ def test_a_profile_holds_a_drag_that_group_drag_can_replace(tmp_path):
     """04-group_drag of the study, 2 bobs: drag and drag near neighbours make up for each other along a bent ridge, and
     by Laplace b is 13 of its standard deviations off."""
     apparatus = early_case("04-group_drag")
-    rows = map(json.loads, Path("docs/study.jsonl").read_text(encoding="utf-8").splitlines())
-    strengths = next(row["strengths"] for row in rows if row["case"] == "04-group_drag")
+    strengths = next(row["strengths"] for row in rows_of(ROWS) if row["case"] == "04-group_drag")
     experiment = with_known_noise(Experiment.load(apparatus.write(tmp_path, apparatus.record(strengths, True))))
     far = {"group_drag": {"slope": 19.9, "range": 0.01675}}
     unknown = with_effects(experiment, far, ("group_drag.slope", "group_drag.range"))

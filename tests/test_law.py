@@ -25,7 +25,7 @@ from identification.diagnose.in_time import with_time
 from identification.diagnose.inner import inner, predictions
 from identification.diagnose.intervals import intervals
 from identification.diagnose.law import Law, advantage, learn, scales_of
-from identification.diagnose.law_shape import Shape, terms_of
+from identification.diagnose.law_shape import Curve, Shape, _described, terms_of
 from identification.diagnose.pictures import law_figure
 from identification.diagnose.report import save
 from identification.diagnose.search import Searcher, Store, only_noise, placed
@@ -458,3 +458,9 @@ def test_the_real_pendulum():
     assert law is not None
     before, after = (experiment.runs[0].noise * model.held_out_gap() for model in (base, law.fitted))
     assert before > 0.05 and after < 0.016
+
+
+def test_words_for_a_curve_have_minus_signs():
+    x = np.linspace(-0.1, 0.1, 5)
+    curve = Curve("bob 1: at rest, by angle", "θ [rad]", "force [mN]", x, np.array([-1.3, 0.0, 0.0, 0.0, 0.0]), 0.0 * x)
+    assert _described(curve) == "on bob 1, a push that depends on the angle, −1.3 mN at −0.1 rad"

@@ -251,7 +251,7 @@ def _described(curve: Curve) -> str:
     added = _added(curve)
     k = int(np.argmax(np.abs(added)))
     peak, signed = added[k], minus(f"{added[k]:+.2g}")
-    at = f"{curve.x[k]:.3g} {curve.x_label.partition('[')[2].rstrip(']')}"
+    at = f"{minus(f'{curve.x[k]:.3g}')} {curve.x_label.partition('[')[2].rstrip(']')}"
     if what.startswith("against motion along"):
         way = "against" if peak > 0.0 else "with"
         return f"on {who}, a force {way} its motion along the string, up to {abs(peak):.2g} {unit} at {at}"

@@ -74,7 +74,8 @@ class Store:
             with self._writing:
                 self.points[key] = found
                 if self.path is not None:
-                    text = json_text({"inputs": self.inputs, "points": self.points})
+                    kept = {k: z for k, z in self.points.items() if np.isfinite(z).all()}  # JSON knows no others
+                    text = json_text({"inputs": self.inputs, "points": kept})
                     write_together(self.path.parent, {self.path.name: text})
         return np.array(self.points[key])
 

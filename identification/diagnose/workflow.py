@@ -34,8 +34,8 @@ def diagnose(
     """Where a model and measured runs part, what is missing, what the model with it looks like, what to measure next.
 
     out: folder in which finished fits are kept, so that the same call goes on where it was interrupted. Effects and
-    their order are chosen on the training part alone; gaps are of what was held out. Raises ValueError for what
-    cannot be diagnosed.
+    their order are chosen on the training part alone; gaps are of what was held out, which can refute a choice.
+    Raises ValueError for what cannot be diagnosed.
     """
     tell = progress or (lambda *_: None)
     estimated = tuple(run.noise is None for run in experiment.runs)
