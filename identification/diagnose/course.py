@@ -162,10 +162,10 @@ class Course:
         return True
 
     def _where_it_led(self) -> None:
-        """Decides again where the effect taken last led to a better mode than that it was chosen for, which others may
-        lead to as well."""
+        """Decides again where the first effect led to a better mode than that it was chosen for, which others may lead
+        to as well. (Where later ones do, it may be the model before that has the better mode: see `_one_for_two`.)"""
         was, last = self.decisions[-1], self.examined[-1].fitted
-        if was.chosen is None or was.chosen.fitted.chi2 - last.chi2 <= last.unit:
+        if len(self.examined) != 2 or was.chosen is None or was.chosen.fitted.chi2 - last.chi2 <= last.unit:
             return
         self._in_a_better_mode(-2, last, last.unit)
         before = self.examined[-2]
