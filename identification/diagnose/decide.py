@@ -42,7 +42,8 @@ _PERIOD = (clock_scale.name, added_mass.name, length_mismatch.name)
 @dataclass(frozen=True, eq=False)
 class Refit:
     """A model with one candidate more: its fit, Δχ² gained over the model without, k more unknowns, inflated log
-    evidence over that model, p among all candidates, and the gap on what was held out (told, not used)."""
+    evidence over that model, p among all candidates, and the gap on what was held out (told; it chooses
+    nothing)."""
 
     candidate: Candidate
     fitted: Fitted

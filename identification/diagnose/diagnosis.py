@@ -38,8 +38,8 @@ class Diagnosis:
     experiment: as given; repaired: the models examined and the steps between them, and the law learned of what they
     leave; final: the last model, the law in it, fitted to all that may be fitted; advice: the next experiment, None
     where nothing is open; warnings: what to know about the readings, and what was taken out of the model before
-    anything was added; others: models that would do as well, fitted likewise; keep: of what
-    is worked out for the report.
+    anything was added; others: models that would do as well, fitted likewise; keep: of what is worked out for the
+    report.
     """
 
     experiment: Experiment
