@@ -1,4 +1,4 @@
-"""Intervals of a diagnosis: by profile where the misfit is smooth."""
+"""Intervals of a diagnosis: by profile where the misfit is smooth, over all shapes of an effect that fit as well."""
 
 import math
 from types import SimpleNamespace
@@ -8,15 +8,17 @@ import numpy as np
 import pytest
 
 from identification.diagnose import intervals as module
+from identification.diagnose.branches import branches
 from identification.diagnose.candidates import with_effects
 from identification.diagnose.fitted import with_known_noise
 from identification.diagnose.intervals import intervals
 from identification.diagnose.profile import profile_end
-from identification.diagnose.search import Searcher, Store
+from identification.diagnose.search import Searcher, Store, at_once, flat
 from identification.experiment import Experiment
 from identification.unknowns import Unknown
 from tests.independent.laboratory import record, write_experiment
 from tests.independent.soft_contact import SoftCradle
+from tests.study import Apparatus, cases
 from tests.study_rows import rows_of
 from tests.study_table import ROWS
 from tests.synthetic import early_case
@@ -112,3 +114,86 @@ def test_a_profile_holds_a_drag_that_group_drag_can_replace(tmp_path):
         low, high = found[name].ci95
         margin = 0.3 * (high - low)  # three standard deviations
         assert low - margin < value < high + margin, name
+
+
+class Valley:
+    """A likelihood of a frame whose stiffness is known to 5 %, and whose frequency f lies in a flat valley above 1 Hz,
+    `rise` of χ² above a dip 1 % wide at 7 Hz."""
+
+    DIP, LOWEST = math.log(7.0), math.log(1.0)
+
+    def __init__(self, rise: float):
+        self.rise, self.workers = rise, 1
+        self.experiment = SimpleNamespace(
+            cradle=SimpleNamespace(bobs=2, model="", effects={}), unknown_effect_parameters=(),
+            runs=[SimpleNamespace(readings=np.zeros((3, 1)))],
+        )  # fmt: skip
+        self.unknowns = tuple(
+            Unknown(f"frame_compliance.{key}", unit, key, start, low=low, high=high, log=True, search=1.0)
+            for key, unit, start, low, high in (
+                ("frequency", "Hz", 7.0, 0.2, 200.0),
+                ("frame_mass", "kg", 5.0, 1e-4, 1e4),
+            )
+        )
+        self.names, self.rows = [u.name for u in self.unknowns], [np.ones(3, bool)]
+
+    def residuals(self, point):
+        f, mass = point
+        out_of_the_dip = self.rise * -math.expm1(-(((f - self.DIP) / 0.01) ** 2))
+        before_the_wall = 100.0 * max(self.LOWEST - f, 0.0)
+        return np.array(
+            [math.sqrt(out_of_the_dip), before_the_wall, (mass - math.log(5.0) + 2.0 * (f - self.DIP)) / 0.05]
+        )
+
+
+def frequencies(rise: float) -> np.ndarray:
+    """Those [Hz] of the branches of such a valley."""
+    valley = Valley(rise)
+    fitted = SimpleNamespace(
+        likelihood=valley, experiment=valley.experiment, cradle=valley.experiment.cradle,
+        point=np.array([Valley.DIP, math.log(5.0)]), chi2=0.0, coloured=(1.0, 2.0),
+    )  # fmt: skip
+    points, widths = branches(fitted, 0.05, at_once)  # type: ignore[arg-type]
+    assert np.all(widths[:, 0] == 0.0)
+    np.testing.assert_allclose(points @ [2.0, 1.0], 2.0 * Valley.DIP + math.log(5.0), atol=1e-3)  # one stiffness
+    return np.sort(np.exp(points[:, 0]))
+
+
+def test_branches_go_through_a_valley_and_not_through_a_wall():
+    """Of some ten values tried one in twenty has a dip of 7.9 by chance: a valley 6 above it is not excluded, and no
+    Laplace about the dip, 0.4 % wide, says so. It ends at the wall, and at the bound of the frequency."""
+    found = frequencies(rise=6.0)
+    assert 0.99 < found[0] < 3.0  # the last rung before the wall; the next is three times lower
+    assert found[-1] == pytest.approx(200.0, rel=1e-3)
+    assert np.all(np.diff(np.log(found)) < math.log(10.0))
+
+
+def test_a_deep_dip_has_no_branches_beyond_the_first_rungs():
+    """By a straight line as far as 30 risen reach the 7.4 that chance allows six values: half the way to a rung."""
+    found = frequencies(rise=30.0)
+    assert 7.0 / 1.5 < found[0] < 7.0 < found[-1] < 7.0 * 1.5
+
+
+@pytest.mark.slow
+def test_intervals_hold_a_frame_that_another_one_stands_for(tmp_path):
+    """A frame of 0.4 kg at 10.7 Hz, 2 bobs, of whose film one of 5 kg at 3 Hz leaves less: by Laplace and by profile
+    about that one the frequency is known to some percent, and is not the right one."""
+    case = next(case for case in cases([63]) if case.name == "63-frame_compliance")
+    apparatus = Apparatus(case)
+    true = apparatus.effects([1009.14])["frame_compliance"]
+    assert (true["frame_mass"], true["frequency"]) == pytest.approx((0.396, 10.65), rel=1e-2)
+    experiment = with_known_noise(Experiment.load(apparatus.write(tmp_path, apparatus.record([1009.14], True))))
+    searcher = Searcher(Store(None, ""), 0, None)
+    another = {"frame_compliance": {"frame_mass": 5.35, "frequency": 3.0, "damping_ratio": 0.011}}
+    right = searcher.nearby(with_effects(experiment, {"frame_compliance": true}), apparatus.truth)
+    fitted = Searcher(Store(None, ""), 0, None).nearby(with_effects(experiment, another), right.values | flat(
+        "frame_compliance", another["frame_compliance"]
+    ))  # fmt: skip
+    assert fitted.chi2 < right.chi2 and fitted.values["frame_compliance.frequency"] < 4.0
+    found = intervals(fitted)
+    for key in ("frame_mass", "frequency", "damping_ratio"):
+        low, high = found[f"frame_compliance.{key}"].ci95
+        assert low <= true[key] <= high, key
+    with mock.patch.object(module, "branches", lambda fitted, *_: np.empty((2, 0, len(fitted.point)))):
+        without = intervals(fitted)
+    assert without["frame_compliance.frame_mass"].ci95[0] > 2.0 * true["frame_mass"]

@@ -9,15 +9,17 @@ import numpy as np
 from scipy.stats import norm, truncnorm
 
 from cradle_env.simulation import in_threads
+from identification.diagnose.branches import branches, shapes_of
 from identification.diagnose.fitted import Fitted
+from identification.diagnose.held import refit_others
 from identification.diagnose.profile import EVALUATIONS, profile_end
 from identification.diagnose.search import Keep, at_once, fit_key
-from identification.fit import SEVERAL, bounds, refine
-from identification.likelihood import Likelihood
+from identification.fit import SEVERAL, bounds
 from identification.linear_algebra import on_one_thread
 
-#: Normal quantile of the ends of an interval.
-_END = float(norm.ppf(0.975))
+#: Probabilities below the median and the ends of an interval; and the normal quantile of these.
+_SHARES = 0.5, 0.025, 0.975
+_END = float(norm.ppf(_SHARES[2]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,10 +35,12 @@ class Interval:
 def intervals(fitted: Fitted, keep: Keep = at_once) -> dict[str, Interval]:
     """Medians and 95 % intervals by Laplace, inflated for residuals that are not white and cut at the bounds; of
     fewer than three bobs, over which the misfit is smooth, the intervals of what is of the model by profile: of
-    unknowns that make up for each other the most probable values may lie on a bent ridge. keep: of ends of profiles."""
+    unknowns that make up for each other the most probable values may lie on a bent ridge. Where an effect may have
+    other shapes, they hold what is as probable by each of these, too. keep: of ends of profiles, and of such shapes."""
     deviations = np.sqrt(np.maximum(np.diag(fitted.covariance), 1e-300))
-    smooth = fitted.cradle.bobs < SEVERAL and not fitted.learned
-    followed = [i for i, u in enumerate(fitted.likelihood.unknowns) if smooth and not u.nuisance]
+    others, widths = branches(fitted, 2.0 * _SHARES[1], keep)
+    smooth, shapes = fitted.cradle.bobs < SEVERAL and not fitted.learned, shapes_of(fitted)
+    followed = [i for i, u in enumerate(fitted.likelihood.unknowns) if smooth and not u.nuisance and i not in shapes]
     steps = [(i, sign * deviations[i]) for i in followed for sign in (-1.0, 1.0)]
 
     def end(step: tuple[int, float]) -> float:
@@ -47,14 +51,14 @@ def intervals(fitted: Fitted, keep: Keep = at_once) -> dict[str, Interval]:
     by_profile = dict(zip(followed, zip(reached[::2], reached[1::2], strict=True), strict=True))
     found = {}
     for i, (u, z, sd) in enumerate(zip(fitted.likelihood.unknowns, fitted.point, deviations, strict=True)):
-        low, high = (
-            (bound - z) / sd if math.isfinite(bound) else bound
-            for bound in ((math.log(u.low), math.log(u.high)) if u.log else (u.low, u.high))
-        )
-        median, *ends = truncnorm.ppf((0.5, 0.025, 0.975), min(low, -1e-12), max(high, 1e-12), z, sd)
+        lowest, highest = (math.log(u.low), math.log(u.high)) if u.log else (u.low, u.high)
+        low, high = ((bound - z) / sd if math.isfinite(bound) else bound for bound in (lowest, highest))
+        median, *ends = truncnorm.ppf(_SHARES, min(low, -1e-12), max(high, 1e-12), z, sd)
         if i in by_profile:
             ends = by_profile[i]
             median = min(max(median, ends[0]), ends[1])
+        for point, width in zip(others[:, i], widths[:, i], strict=True):
+            ends = min(ends[0], max(point - width, lowest)), max(ends[1], min(point + width, highest))
         found[u.name] = Interval(u.unit, float(u.value(median)), (float(u.value(ends[0])), float(u.value(ends[1]))))
     return found
 
@@ -68,23 +72,9 @@ def _profile_end(fitted: Fitted, i: int, step: float) -> float:
 
     def refit(u: float, start: np.ndarray) -> tuple[np.ndarray, float]:
         held = float(np.clip(fitted.point[i] + u * step, within[0][i], within[1][i]))
-        others, chi2 = refine(_Held(likelihood, i, held), np.delete(np.clip(start, *within), i), EVALUATIONS)
-        return np.insert(others, i, held), math.sqrt(max(chi2 - least, 0.0) / inflation)
+        found, chi2 = refit_others(likelihood, i, held, start, EVALUATIONS)
+        return found, math.sqrt(max(chi2 - least, 0.0) / inflation)
 
     ahead = fitted.covariance[i] / fitted.covariance[i, i] * step
     u, _ = profile_end(refit, fitted.point, ahead, (limit - fitted.point[i]) / step, _END)
     return float(np.clip(fitted.point[i] + u * step, within[0][i], within[1][i]))
-
-
-class _Held(Likelihood):
-    """A likelihood with unknown i held at a coordinate, for least squares."""
-
-    def __init__(self, of: Likelihood, i: int, coordinate: float):
-        self.__dict__.update(of.__dict__)
-        self.workers = 1
-        self.unknowns = (*of.unknowns[:i], *of.unknowns[i + 1 :])
-        self._of, self._place, self._coordinate = of, i, coordinate
-
-    def residuals(self, point: np.ndarray) -> np.ndarray:
-        """Those of the whole."""
-        return self._of.residuals(np.insert(point, self._place, self._coordinate))
