@@ -27,7 +27,16 @@ from identification.posterior import Posterior
 from identification.runs import ReleaseInfo, Run, checked_noise
 from identification.sweep.grid import EXCLUSIVE, of_other_bobs
 from identification.terminal import Progress, print_table
-from identification.wording import convergence_verdict, model_verdict, number, ratio, rounding_of, shown, unit_plain
+from identification.wording import (
+    convergence_verdict,
+    estimate,
+    model_verdict,
+    number,
+    ratio,
+    rounding_of,
+    shown,
+    unit_plain,
+)
 
 if TYPE_CHECKING:
     from identification.diagnose.advise import Advice
@@ -223,9 +232,10 @@ def diagnose(path: Path, out: Path, seed: int, workers: int | None) -> None:
     if content["steps"]:
         rows = []
         for step in content["steps"]:
-            found = ", ".join(f"{key} = {_several(entry['median'])}" for key, entry in step["parameters"].items())
+            units = {p.key: p.unit for p in effect(step["effect"]).parameters}
+            found = ", ".join(f"{key} = {_known(entry, units[key])}" for key, entry in step["parameters"].items())
             rows.append((step["effect"], found or "–", ratio(step["gap_before"]), ratio(step["gap_after"])))
-        print_table(("effect", "parameters", "gap before", "gap after"), rows)
+        print_table(("effect", "parameters (95 %)", "gap before", "gap after"), rows)
     for warning in content["warnings"]:
         print(f"cradle: {warning}", file=sys.stderr)
     print(f"{content['verdict']}: {sentence(content)}")
@@ -270,8 +280,13 @@ def design(
     print(f"report: {out / 'report.html'}")
 
 
-def _several(value: float | Sequence[float]) -> str:
-    return "[" + ", ".join(map(number, value)) + "]" if isinstance(value, Sequence) else number(value)
+def _known(entry: Mapping[str, Any], unit: str) -> str:
+    """A parameter of an effect with its 95 % interval, or one for each bob or gap."""
+    if isinstance(entry["median"], Sequence):
+        pairs = zip(entry["median"], entry["ci95"], strict=True)
+        return "[" + ", ".join(_known({"median": median, "ci95": ends}, unit) for median, ends in pairs) + "]"
+    median, interval, exponent = estimate(entry["median"], entry["ci95"])
+    return f"{median} ({interval}) {unit_plain(unit, exponent)}".rstrip()
 
 
 def predict(

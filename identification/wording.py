@@ -97,6 +97,19 @@ def shown(statistics: Mapping[str, Any]) -> dict[str, str]:
     return texts | {key: " to ".join(map(rounding.text, statistics[key])) for key in ("ci68", "ci95")}
 
 
+def estimate(median: float, ci95: tuple[float, float]) -> tuple[str, str, int]:
+    """(median, interval, exponent) as they are shown in units of 10^exponent: to two digits of about a standard
+    deviation; where a positive interval spans more than a decade, each number to two digits of its own."""
+    low, high = ci95
+    rounding = Rounding.of(median, 0.25 * (high - low))
+    several = [rounding, rounding, rounding]
+    if low >= 0.0 and high > 10.0 * low:
+        places = [1 - math.floor(math.log10(x)) + rounding.exponent if x > 0.0 else 0 for x in (median, low, high)]
+        several = [Rounding(rounding.exponent, max(0, decimals)) for decimals in places]
+    texts = [one.text(x) for one, x in zip(several, (median, low, high), strict=True)]
+    return texts[0], f"{texts[1]} to {texts[2]}", rounding.exponent
+
+
 def number(value: float | None, digits: int = 3) -> str:
     """A plain number to some digits; a dash where there is none."""
     return "–" if value is None or not math.isfinite(value) else minus(f"{value:#.{digits}g}".rstrip("."))

@@ -15,7 +15,7 @@ from identification.files import write_json
 from identification.posterior import Gap, Posterior, statistics
 from identification.runs import Prior, ReleaseInfo, Run
 from identification.style import png
-from identification.wording import Rounding, markup, mathtext, shown, unit_markup, unit_plain
+from identification.wording import Rounding, estimate, markup, mathtext, shown, unit_markup, unit_plain
 from tests.synthetic import made_up_posterior, simulated_run
 
 
@@ -185,3 +185,17 @@ def test_symbols_and_units():
     assert unit_markup("N s m^-3/2") == "N s m<sup>−3/2</sup>"
     assert unit_markup("1") == ""
     assert unit_plain("kg/s", -3) == "10⁻³ kg/s"
+
+
+@pytest.mark.parametrize(
+    ("median", "ci95", "texts"),
+    [
+        (17852.9, (17766.2, 18016.2), ("17853", "17766 to 18016", 0)),
+        (2.448, (0.01026, 5.0), ("2.4", "0.010 to 5.0", 0)),  # not 0.0 to 5.0
+        (0.00695, (0.0, 2.0), ("0.0069", "0 to 2.0", 0)),
+        (4e-6, (0.0, 12e-6), ("4.0", "0 to 12", -6)),
+        (-2e-4, (-3e-4, -1e-4), ("−200", "−300 to −100", -6)),
+    ],
+)
+def test_an_interval_of_more_than_a_decade_has_two_digits_at_each_end(median, ci95, texts):
+    assert estimate(median, ci95) == texts

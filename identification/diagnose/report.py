@@ -24,7 +24,7 @@ from identification.files import check_own, write_listed
 from identification.fit import Progress
 from identification.page import page
 from identification.style import png
-from identification.wording import Rounding, markup, minus, number, ratio, unit_markup
+from identification.wording import Rounding, estimate, markup, minus, number, ratio, unit_markup
 
 _STAMP, _FILES = "diagnosis.json", ("report.html", "model.toml")
 
@@ -95,10 +95,8 @@ def _law(law: Mapping[str, Any] | None) -> dict[str, Any] | None:
         return None
     terms = []
     for term in law["terms"]:
-        rounding = Rounding.of(term["median"], 0.25 * (term["ci95"][1] - term["ci95"][0]))
-        interval = " to ".join(rounding.text(end) for end in term["ci95"])
-        unit = unit_markup(term["unit"], rounding.exponent)
-        terms.append({**term, "median": rounding.text(term["median"]), "interval": interval, "unit": unit})
+        median, interval, exponent = estimate(term["median"], term["ci95"])
+        terms.append({**term, "median": median, "interval": interval, "unit": unit_markup(term["unit"], exponent)})
     gaps = {key: ratio(value) for key, value in law.items() if "gap" in key}
     return {**law, **gaps, "terms": terms, "energy": _energy(law["energy_taken"]["value"])}
 
@@ -190,8 +188,6 @@ def _intervals(diagnosis: Diagnosis) -> list[tuple[str, str, str, str, str]]:
     for u in diagnosis.final.likelihood.unknowns:
         if not u.nuisance:
             found = diagnosis.parameters[u.name]
-            rounding = Rounding.of(found.median, 0.25 * (found.ci95[1] - found.ci95[0]))
-            interval = " to ".join(rounding.text(end) for end in found.ci95)
-            rows.append((markup(u.symbol), u.name, rounding.text(found.median), interval,
-                         unit_markup(u.unit, rounding.exponent)))  # fmt: skip
+            median, interval, exponent = estimate(found.median, found.ci95)
+            rows.append((markup(u.symbol), u.name, median, interval, unit_markup(u.unit, exponent)))
     return rows
