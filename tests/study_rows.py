@@ -59,7 +59,8 @@ def inside(row: Row) -> list[bool]:
         values = np.atleast_1d(row["made by"][effect][key])
         if element != "*":  # all alike, of values that are not
             low, high = interval["ci95"]
-            found.append(bool(low <= values[int(element or 1) - 1] <= high))
+            rounding = 1e-6 * (high - low)  # what is hidden at a bound is within an interval that ends there
+            found.append(bool(low - rounding <= values[int(element or 1) - 1] <= high + rounding))
     return found
 
 

@@ -49,7 +49,7 @@ def intervals(fitted: Fitted, keep: Keep = at_once) -> dict[str, Interval]:
 
     reached = in_threads(end, steps, fitted.likelihood.workers)
     by_profile = dict(zip(followed, zip(reached[::2], reached[1::2], strict=True), strict=True))
-    found = {}
+    found, (least, most) = {}, bounds(fitted.likelihood)
     for i, (u, z, sd) in enumerate(zip(fitted.likelihood.unknowns, fitted.point, deviations, strict=True)):
         lowest, highest = (math.log(u.low), math.log(u.high)) if u.log else (u.low, u.high)
         low, high = ((bound - z) / sd if math.isfinite(bound) else bound for bound in (lowest, highest))
@@ -57,9 +57,13 @@ def intervals(fitted: Fitted, keep: Keep = at_once) -> dict[str, Interval]:
         if i in by_profile:
             ends = by_profile[i]
             median = min(max(median, ends[0]), ends[1])
-        for point, width in zip(others[:, i], widths[:, i], strict=True):
-            ends = min(ends[0], max(point - width, lowest)), max(ends[1], min(point + width, highest))
-        found[u.name] = Interval(u.unit, float(u.value(median)), (float(u.value(ends[0])), float(u.value(ends[1]))))
+        first = min([ends[0], *(others[:, i] - widths[:, i])])
+        last = max([ends[1], *(others[:, i] + widths[:, i])])
+        ci95 = (  # at a bound the bound: a search stays a little within
+            u.low if first <= least[i] else float(u.value(first)),
+            u.high if last >= most[i] else float(u.value(last)),
+        )
+        found[u.name] = Interval(u.unit, float(u.value(median)), ci95)
     return found
 
 
