@@ -21,6 +21,7 @@ from identification.diagnose.fitted import Fitted
 from identification.diagnose.held import held, refit_others
 from identification.diagnose.search import Keep, fit_key
 from identification.fit import SEVERAL, bounds, jacobian, mode_at
+from identification.jumps import size
 from identification.rough import broad_jacobian
 
 #: Ratio of a shape's values from the mode to the first rung, and its power from rung to rung; evaluations of the refit
@@ -32,7 +33,8 @@ def branches(fitted: Fitted, chance: float, keep: Keep) -> tuple[np.ndarray, np.
     """Points that fit as well as the mode with other shapes of an effect, and how far about each the truth may lie but
     by this chance, that shape held; both (K, D), and none where no effect has shapes. keep: of what they are.
 
-    As well: with no more χ² than the deepest of so many dips as there are rungs has by noise over that of the truth.
+    As well: with no more χ² than the deepest of so many dips as there are rungs has by noise over that of the truth,
+    and than readings jump where the order of impacts may flip.
     """
     D, found = len(fitted.point), [np.empty((0, 2 * len(fitted.point)))]
     for i in shapes_of(fitted):
@@ -60,6 +62,9 @@ def _branches(fitted: Fitted, i: int, chance: float) -> np.ndarray:
     rungs = _ladder(fitted, i)
     points, risen = rungs[:, :-1], np.maximum(rungs[:, -1] - fitted.chi2, 0.0) / fitted.coloured[0]
     single, enough = (float(chi2_distribution.isf(chance / n, 1)) for n in (1, len(rungs)))
+    if fitted.cradle.bobs >= SEVERAL:
+        jumps = size(fitted.likelihood, fitted.point, fitted.jacobian, fitted.coloured[0] * fitted.smooth)
+        enough += jumps / fitted.coloured[0] if math.isfinite(jumps) else 0.0
     as_well = [(point, enough - rise) for point, rise in zip(points, risen, strict=True) if rise < enough]
     for k in np.flatnonzero(np.diff(risen < enough)):  # as far as the way to the next would go by a straight line
         share = (math.sqrt(enough) - math.sqrt(risen[k])) / (math.sqrt(risen[k + 1]) - math.sqrt(risen[k]))
