@@ -7,6 +7,7 @@ from unittest import mock
 import numpy as np
 import pytest
 
+from cradle_env.simulation import SimulationError
 from identification.diagnose import intervals as module
 from identification.diagnose.branches import branches
 from identification.diagnose.candidates import with_effects
@@ -122,8 +123,8 @@ class Valley:
 
     DIP, LOWEST = math.log(7.0), math.log(1.0)
 
-    def __init__(self, rise: float):
-        self.rise, self.workers = rise, 1
+    def __init__(self, rise: float, impossible: bool):
+        self.rise, self.impossible, self.workers = rise, impossible, 1
         self.experiment = SimpleNamespace(
             cradle=SimpleNamespace(bobs=2, model="", effects={}), unknown_effect_parameters=(),
             runs=[SimpleNamespace(readings=np.zeros((3, 1)))],
@@ -139,6 +140,8 @@ class Valley:
 
     def residuals(self, point):
         f, mass = point
+        if self.impossible and f < self.LOWEST:
+            raise SimulationError("no such frame")
         out_of_the_dip = self.rise * -math.expm1(-(((f - self.DIP) / 0.01) ** 2))
         before_the_wall = 100.0 * max(self.LOWEST - f, 0.0)
         return np.array(
@@ -146,9 +149,9 @@ class Valley:
         )
 
 
-def frequencies(rise: float) -> np.ndarray:
-    """Those [Hz] of the branches of such a valley."""
-    valley = Valley(rise)
+def frequencies(rise: float, impossible: bool = False) -> np.ndarray:
+    """Those [Hz] of the branches of such a valley, which ends at a wall or where nothing can be simulated."""
+    valley = Valley(rise, impossible)
     fitted = SimpleNamespace(
         likelihood=valley, experiment=valley.experiment, cradle=valley.experiment.cradle,
         point=np.array([Valley.DIP, math.log(5.0)]), chi2=0.0, coloured=(1.0, 2.0),
@@ -159,10 +162,11 @@ def frequencies(rise: float) -> np.ndarray:
     return np.sort(np.exp(points[:, 0]))
 
 
-def test_branches_go_through_a_valley_and_not_through_a_wall():
+@pytest.mark.parametrize("impossible", [False, True])
+def test_branches_go_through_a_valley_and_not_through_a_wall(impossible):
     """Of some ten values tried one in twenty has a dip of 7.9 by chance: a valley 6 above it is not excluded, and no
     Laplace about the dip, 0.4 % wide, says so. It ends at the wall, and at the bound of the frequency."""
-    found = frequencies(rise=6.0)
+    found = frequencies(6.0, impossible)
     assert 0.99 < found[0] < 3.0  # the last rung before the wall; the next is three times lower
     assert found[-1] == pytest.approx(200.0, rel=1e-3)
     assert np.all(np.diff(np.log(found)) < math.log(10.0))
@@ -170,7 +174,7 @@ def test_branches_go_through_a_valley_and_not_through_a_wall():
 
 def test_a_deep_dip_has_no_branches_beyond_the_first_rungs():
     """By a straight line as far as 30 risen reach the 7.4 that chance allows six values: half the way to a rung."""
-    found = frequencies(rise=30.0)
+    found = frequencies(30.0)
     assert 7.0 / 1.5 < found[0] < 7.0 < found[-1] < 7.0 * 1.5
 
 

@@ -27,6 +27,8 @@ from identification.rough import broad_jacobian
 #: Ratio of a shape's values from the mode to the first rung, and its power from rung to rung; evaluations of the refit
 #: at each, and of another before a wall; and the rise of χ² over the inflation that is one, where a valley has ended.
 _RATIO, _GROWTH, _EVALUATIONS, _WALL = 1.5, 1.4, (8, 20), 100.0
+#: The rise that stands for an infinite one.
+_IMPOSSIBLE = 1e12
 
 
 def branches(fitted: Fitted, chance: float, keep: Keep) -> tuple[np.ndarray, np.ndarray]:
@@ -60,7 +62,7 @@ def shapes_of(fitted: Fitted) -> list[int]:
 def _branches(fitted: Fitted, i: int, chance: float) -> np.ndarray:
     """Those of other values of unknown i: points and widths, (K, 2 D)."""
     rungs = _ladder(fitted, i)
-    points, risen = rungs[:, :-1], np.maximum(rungs[:, -1] - fitted.chi2, 0.0) / fitted.coloured[0]
+    points, risen = rungs[:, :-1], np.clip((rungs[:, -1] - fitted.chi2) / fitted.coloured[0], 0.0, _IMPOSSIBLE)
     single, enough = (float(chi2_distribution.isf(chance / n, 1)) for n in (1, len(rungs)))
     if fitted.cradle.bobs >= SEVERAL:
         jumps = size(fitted.likelihood, fitted.point, fitted.jacobian, fitted.coloured[0] * fitted.smooth)
