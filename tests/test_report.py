@@ -10,6 +10,7 @@ import pytest
 
 from cradle_env import Cradle, Release
 from identification import plots, results
+from identification.commands import _known
 from identification.experiment import Experiment
 from identification.files import write_json
 from identification.posterior import Gap, Posterior, statistics
@@ -199,3 +200,10 @@ def test_symbols_and_units():
 )
 def test_an_interval_of_more_than_a_decade_has_two_digits_at_each_end(median, ci95, texts):
     assert estimate(median, ci95) == texts
+
+
+def test_the_command_line_says_how_well_a_parameter_is_known():
+    assert _known({"median": 13.0, "ci95": [9.16, 200.0]}, "Hz") == "13 (9.2 to 200) Hz"
+    assert _known({"median": 0.0069, "ci95": [0.0, 2.0]}, "1") == "0.0069 (0 to 2.0)"
+    gaps = {"median": [0.002, 0.003], "ci95": [[0.0019, 0.0021], [0.0028, 0.0032]]}
+    assert _known(gaps, "m") == "[2.000 (1.900 to 2.100) 10⁻³ m, 3.00 (2.80 to 3.20) 10⁻³ m]"
