@@ -13,12 +13,11 @@ import math
 import numpy as np
 from scipy.stats import chi2 as chi2_distribution
 
-from cradle_env.effects import LEARNED, effect
-from cradle_env.effects.elements import element_of
+from cradle_env.effects import LEARNED
 from cradle_env.simulation import in_threads
-from identification.diagnose.candidates import is_strength
+from identification.diagnose.candidates import is_strength, parameter_of
 from identification.diagnose.fitted import Fitted
-from identification.diagnose.held import held, refit_others
+from identification.diagnose.held import Held, refit_others
 from identification.diagnose.search import Keep, fit_key
 from identification.fit import SEVERAL, bounds, jacobian, mode_at
 from identification.jumps import size
@@ -51,11 +50,9 @@ def shapes_of(fitted: Fitted) -> list[int]:
     learned = {declared.name for declared in LEARNED}
     found = []
     for i, unknown in enumerate(fitted.likelihood.unknowns):
-        owner, _, address = unknown.name.partition(".")
-        if unknown.log and address and owner not in learned:
-            key, _ = element_of(address)
-            if not is_strength(next(p for p in effect(owner).parameters if p.key == key)):
-                found.append(i)
+        owner, dot, _ = unknown.name.partition(".")
+        if unknown.log and dot and owner not in learned and not is_strength(parameter_of(unknown.name)):
+            found.append(i)
     return found
 
 
@@ -74,7 +71,7 @@ def _branches(fitted: Fitted, i: int, chance: float) -> np.ndarray:
 
     def with_widths(branch: tuple[np.ndarray, float]) -> np.ndarray:
         point, room = branch
-        there, others = held(fitted.likelihood, i, point[i]), np.delete(point, i)
+        there, others = Held(fitted.likelihood, i, point[i]), np.delete(point, i)
         derivatives = broad_jacobian if fitted.cradle.bobs >= SEVERAL else jacobian
         covariance = mode_at(there, others, derivatives(there, others, there.residuals(others))).covariance
         widths = np.sqrt(min(room, single) * fitted.coloured[0] * np.diag(covariance))

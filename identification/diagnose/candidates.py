@@ -11,6 +11,7 @@ from typing import Any
 
 from cradle_env.cradle import Cradle
 from cradle_env.effects import MODELS, Effect, Parameter, effect, known_effects
+from cradle_env.effects.elements import element_of
 from identification.experiment import Experiment
 from identification.unknowns import element_names
 
@@ -92,6 +93,13 @@ def _chain(declared: Effect) -> list[str]:
 def names_of(declared: Effect, parameter: Parameter, bobs: int) -> list[str]:
     """The names by which a parameter's values are inferred."""
     return element_names(f"{declared.name}.{parameter.key}", parameter, bobs)
+
+
+def parameter_of(name: str) -> Parameter:
+    """The parameter of which an unknown is a value: "effect.parameter", with "[i]" where there are several."""
+    owner, _, address = name.partition(".")
+    key, _ = element_of(address)
+    return next(p for p in effect(owner).parameters if p.key == key)
 
 
 def is_strength(parameter: Parameter) -> bool:

@@ -8,7 +8,7 @@ from identification.fit import bounds, refine
 from identification.likelihood import Likelihood
 
 
-class _Held(Likelihood):
+class Held(Likelihood):
     """A likelihood with unknown i held at a coordinate, for least squares."""
 
     def __init__(self, of: Likelihood, i: int, coordinate: float):
@@ -22,15 +22,10 @@ class _Held(Likelihood):
         return self._of.residuals(np.insert(point, self._place, self._coordinate))
 
 
-def held(likelihood: Likelihood, i: int, coordinate: float) -> Likelihood:
-    """The likelihood of all unknowns but i, which is held at a coordinate."""
-    return _Held(likelihood, i, coordinate)
-
-
 def refit_others(
     likelihood: Likelihood, i: int, coordinate: float, start: np.ndarray, evaluations: int
 ) -> tuple[np.ndarray, float]:  # fmt: skip
     """(point (D,), χ²) near `start` (D,), with unknown i held at a coordinate."""
     inside = np.delete(np.clip(start, *bounds(likelihood)), i)
-    others, chi2 = refine(_Held(likelihood, i, coordinate), inside, evaluations)
+    others, chi2 = refine(Held(likelihood, i, coordinate), inside, evaluations)
     return np.insert(others, i, coordinate), chi2

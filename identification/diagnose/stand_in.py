@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cradle_env.effects import effect
-from cradle_env.effects.elements import element_of
-from identification.diagnose.candidates import Candidate, Values, filled, is_strength
+from identification.diagnose.candidates import Candidate, Values, filled, is_strength, parameter_of
 from identification.diagnose.fitted import Fitted
 from identification.diagnose.score import sensitivities
 
@@ -47,9 +45,7 @@ def _as_in(other: Fitted, candidate: Candidate) -> Values:
 def _grown(fitted: Fitted, name: str) -> float:
     """The change of an unknown's coordinate by which an effect came in, to first order; 0 of what means nothing
     without it, nan where it came from infinity."""
-    owner, _, address = name.partition(".")
-    key, _ = element_of(address)
-    parameter = next(p for p in effect(owner).parameters if p.key == key)
+    parameter = parameter_of(name)
     if not is_strength(parameter):
         return 0.0
     change = fitted.values[name] - parameter.absent
