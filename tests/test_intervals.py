@@ -99,6 +99,16 @@ def test_of_one_unknown_alone_nothing_is_left_to_refit(tmp_path):
     assert low < fitted.values["b"] < high < 1.1 * low
 
 
+def test_an_interval_that_reaches_a_bound_ends_there(tmp_path):
+    """A search stays a billionth within its bounds; friction that is absent is 0."""
+    cradle = SoftCradle(1, strings="rigid", b=0.002)
+    recording = record(cradle, {1: 0.2}, duration=20.0, seed=3, noise=1e-3)
+    path = write_experiment(tmp_path, [recording], stated={"b": 0.0021}, base="pendulum", release={"angle_sd": 0.0})
+    rubbing = with_effects(with_known_noise(Experiment.load(path)), {"pivot_friction": {"tau_c": 1e-7}})
+    low, high = intervals(Searcher(Store(None, ""), 0, None).nearby(rubbing, {"b": 0.002}))["pivot_friction.tau_c"].ci95
+    assert low == 0.0 < high
+
+
 @pytest.mark.slow
 def test_a_profile_holds_a_drag_that_group_drag_can_replace(tmp_path):
     """04-group_drag of the study, 2 bobs: drag and drag near neighbours make up for each other along a bent ridge, and

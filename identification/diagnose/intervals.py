@@ -80,5 +80,8 @@ def _profile_end(fitted: Fitted, i: int, step: float) -> float:
         return found, math.sqrt(max(chi2 - least, 0.0) / inflation)
 
     ahead = fitted.covariance[i] / fitted.covariance[i, i] * step
-    u, _ = profile_end(refit, fitted.point, ahead, (limit - fitted.point[i]) / step, _END)
+    furthest = (limit - fitted.point[i]) / step
+    u, _ = profile_end(refit, fitted.point, ahead, furthest, _END)
+    if u > (1.0 - 1e-9) * furthest:  # but for rounding
+        return limit
     return float(np.clip(fitted.point[i] + u * step, within[0][i], within[1][i]))
