@@ -91,7 +91,7 @@ def test_noise_alone_is_doubted_only_with_good_reason(monkeypatch, evidence, tak
 
 @pytest.mark.parametrize("significant", [False, True])
 def test_what_leaves_more_than_noise_was_not_hidden(monkeypatch, significant):
-    base = SimpleNamespace(fitted="base", scored=None, significant=False)
+    base = SimpleNamespace(fitted="base", scored=None, significant=False, p=0.5)
     so_far = Course(None, 0, (False,), QUIET, [base])  # type: ignore[arg-type,list-item]
     decision = Decision((), SimpleNamespace(fitted="clock", gain=50.0), 0.9, 1.0, 100.0)  # type: ignore[arg-type]
 
@@ -105,10 +105,41 @@ def test_what_leaves_more_than_noise_was_not_hidden(monkeypatch, significant):
     monkeypatch.setattr(course, "hidden", lambda *_: decision)
     monkeypatch.setattr(so_far, "_in_a_better_mode", lambda *_: next(moved))
     monkeypatch.setattr(so_far, "_take", take)
-    so_far.look_elsewhere()
+    monkeypatch.setattr(so_far, "_one_for_two", lambda: None)
+    assert so_far.look_elsewhere()  # again, with the model as it then stands
+    assert so_far.look_elsewhere() is not significant
     counts = len(so_far.examined), len(so_far.decisions), len(so_far.steps)
     assert counts == ((1, 1, 0) if significant else (2, 1, 1))
     assert (so_far.decisions[0].chosen is None) == significant
+
+
+@pytest.mark.parametrize(
+    ("p", "steps", "looked"), [(0.09, 0, True), (0.09, 1, True), (0.09, 2, False), (0.11, 0, False)]
+)
+def test_what_is_hardly_noise_is_looked_at_again(monkeypatch, p, steps, looked):
+    """Where noise alone would leave as much but once in ten times, and no two effects were taken yet."""
+    last = SimpleNamespace(fitted="last", scored=None, significant=False, p=p)
+    taken = [SimpleNamespace(effect=f"{i}") for i in range(steps)]
+    so_far = Course(None, 0, (False,), QUIET, [last], [], taken)  # type: ignore[arg-type,list-item]
+    tried = []
+    monkeypatch.setattr(course, "of_the_period", lambda *_: {})
+    monkeypatch.setattr(course, "worth_refitting", lambda _: [CLOCK])
+    monkeypatch.setattr(course, "refitted", lambda _, several, *__: tried.extend(several) or {CLOCK: None})
+    monkeypatch.setattr(course, "hidden", lambda *_: Decision((), None, 0.0, 1.0, 100.0))
+    assert not so_far.look_elsewhere()
+    assert bool(tried) == bool(so_far.decisions) == looked
+
+
+def test_lengths_that_first_order_hardly_foretells_are_found(tmp_path):
+    """21-length_mismatch of the study, two bobs: of the 31 of χ² that lengths gain, first order foretells 13, no more
+    than noise may leave. A creeping string does as well."""
+    apparatus = Apparatus(next(case for case in cases([21]) if case.name == "21-length_mismatch"))
+    path = apparatus.write(tmp_path, apparatus.record([0.0008779], True))
+    searcher = Searcher(Store(None, ""), 0, None)
+    repaired = repair.repair(searcher.globally(with_known_noise(Experiment.load(path))), searcher, 0, (False,), QUIET)
+    assert 0.01 < repaired.examined[0].p < course.SETTLED
+    assert {one.name for several in repaired.alternatives for one in several} == {"length_mismatch", "string_creep"}
+    assert abs(repaired.last.fitted.values["kappa"] / apparatus.truth["kappa"] - 1.0) < 0.003
 
 
 @pytest.mark.parametrize(("chi2", "other"), [(99.5, "length"), (50.0, "length"), (50.0, "clock")])

@@ -19,7 +19,9 @@ from identification.diagnose.decide import (
     hidden,
     log_evidence,
     of_the_period,
+    refitted,
     that_stands,
+    worth_refitting,
 )
 from identification.diagnose.fitted import Fitted
 from identification.diagnose.locate import Located, locate, share
@@ -31,6 +33,9 @@ from identification.fit import Progress
 _REPLICATES = 400
 #: So many effects taken, another is found only where its score foretells it: one unknown cause is more probable.
 _FORETOLD = 2
+#: p from which on what a model leaves is settled to be noise. Below, candidates are refitted even where it is not
+#: significant: far from the right mode first order foretells too little of them.
+SETTLED = 0.1
 #: Share of an effect's gain in χ² that another mode of the model without it must have to be looked at before anything
 #: is named.
 _MODE = 0.05
@@ -91,24 +96,31 @@ class Course:
         better = self.searcher.settled(fitted, self.tell)
         return self.examine(better) if better.chi2 < fitted.chi2 - fitted.unit else found
 
-    def look_elsewhere(self) -> None:
-        """Takes into a base model that leaves no more than noise what it hides by a wrong mode, if that leaves no more
-        than noise either."""
+    def look_elsewhere(self) -> bool:
+        """Takes into a model that leaves no more than noise what it hides by a wrong mode, if that leaves no more than
+        noise either; whether there was any."""
         now = self.examined[-1]
-        known = {} if now.significant else of_the_period(now.fitted, self.searcher, self.tell)
+        if now.significant or len(self.steps) >= _FORETOLD:
+            return False
+        known = {} if self.steps else of_the_period(now.fitted, self.searcher, self.tell)
+        if now.p < SETTLED:
+            known |= refitted(now.fitted, worth_refitting(now.scored), now.scored, self.searcher, self.tell)
         if not known:
-            return
+            return False
         decision = hidden(now.fitted, known, now.scored, self.searcher, self.tell)
         chosen = decision.chosen
         if chosen is None:
             self.decisions.append(decision)
-        elif self._in_a_better_mode(-1, chosen.fitted, _MODE * chosen.gain):
-            self.look_elsewhere()  # with the model as it then stands
-        else:
-            self._take(decision)
-            if self.examined[-1].significant:
-                self.back_to(now.fitted)
-                self.decisions[-1] = dataclasses.replace(decision, chosen=None, probability=0.0)
+            return False
+        if self._in_a_better_mode(-1, chosen.fitted, _MODE * chosen.gain):
+            return True  # the model may hide less than it seemed
+        self._take(decision)
+        if self.examined[-1].significant:
+            self.back_to(now.fitted)
+            self.decisions[-1] = dataclasses.replace(decision, chosen=None, probability=0.0)
+            return False
+        self._one_for_two()
+        return True
 
     def go_on(self) -> bool:
         """Takes the most probable effect into the model examined last; whether there was one."""

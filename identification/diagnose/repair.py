@@ -12,7 +12,7 @@ import numpy as np
 from cradle_env.effects import effect
 from cradle_env.simulation import SimulationError
 from identification.diagnose.candidates import Candidate, is_strength, taken_from, without_effect
-from identification.diagnose.course import Course, Examined, Step
+from identification.diagnose.course import SETTLED, Course, Examined, Step
 from identification.diagnose.decide import ALPHA, CLOSE, Decision, judged, log_evidence
 from identification.diagnose.fitted import Fitted
 from identification.diagnose.inner import predictions, refuted
@@ -25,8 +25,6 @@ from identification.fit import Progress
 _MOST_STEPS = 6
 #: Share of the excess that an effect must explain to be named where more than noise is left in the end.
 _SHARE = 0.5
-#: p from which on one effect has left nothing for a law to do better, and several only if it has fewer unknowns.
-_SETTLED = 0.1
 #: Several effects that leave less than this share of the excess χ², and yet more than noise, only bend towards it.
 _BENT = 0.1
 #: Share of an effect's gain in χ² that another must have had to be tried in its place.
@@ -57,7 +55,6 @@ def repair(
     tell("locate", 0.0, "where model and data part")
     course = Course(searcher, seed, estimated, tell)
     course.examined.append(course.settle(fitted))
-    course.look_elsewhere()
     _add(course)
     if course.steps and refuted(course.examined[-1].fitted) and course.anew():
         _add(course)
@@ -85,10 +82,10 @@ def repair(
 
 
 def _add(course: Course) -> None:
-    """Adds effects as long as more than noise is left and one helps."""
-    while course.examined[-1].significant and len(course.steps) < _MOST_STEPS:
-        if not course.go_on():
-            break
+    """Adds effects as long as more than noise is left and one helps, or noise alone only seems to be left."""
+    more = True
+    while more and len(course.steps) < _MOST_STEPS:
+        more = course.go_on() if course.examined[-1].significant else course.look_elsewhere()
 
 
 def _withdraw(course: Course) -> list[str]:
@@ -124,13 +121,14 @@ def _bends(name: str) -> bool:
 
 def _outdoing(course: Course) -> Law | None:
     """The law of a model with fewer names that does better than all names do: an effect is named only if it is still
-    needed once a law is allowed. Of laws about as good the one that takes the place of most; None where names stand."""
+    needed once a law is allowed. Where the names settle it, a law can only do better by fewer unknowns than several
+    of them have. Of laws about as good the one that takes the place of most; None where names stand."""
     *before, last = course.examined
-    if not course.steps or (len(before) == 1 and last.p > _SETTLED):
+    if not course.steps or (len(before) == 1 and last.p > SETTLED):
         return None
     models = [
         m.fitted for m in before
-        if m.significant and (last.p <= _SETTLED or can_outdo(m.fitted, last.fitted))
+        if m.significant and (last.p <= SETTLED or can_outdo(m.fitted, last.fitted))
     ]  # fmt: skip
     found = (learn(model, course.searcher, course.tell, last.fitted) for model in models)
     laws = [law for law in found if law is not None]
