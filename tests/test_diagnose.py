@@ -30,7 +30,7 @@ from identification.diagnose.inner import refuted
 from identification.diagnose.intervals import intervals
 from identification.diagnose.law import can_outdo
 from identification.diagnose.locate import locate, log_tail
-from identification.diagnose.report import save, sentence
+from identification.diagnose.report import html, save, sentence
 from identification.diagnose.score import family_p, score
 from identification.diagnose.search import Searcher, Store, finished
 from identification.fit import training_rows
@@ -213,6 +213,19 @@ def test_files_of_a_diagnosis(diagnosed, tmp_path):
     page = (tmp_path / "report.html").read_text(encoding="utf-8")
     assert page.count("data:image/png;base64,") == 4 and "http" not in page.replace("http-equiv", "")
     assert content["steps"][0]["effect"] in page
+
+
+def test_the_report_says_why_no_run_is_planned(nothing_found, tmp_path):
+    def said(diagnosis):
+        return " ".join(html(dataclasses.replace(diagnosis, advice=None), diagnosis.content()).split())
+
+    swinging = dataclasses.replace(nothing_found.experiment.runs[0], state="free", release=None)
+    unreleased = dataclasses.replace(nothing_found.experiment, runs=(swinging,))
+    alone = diagnose(Experiment.load(written(tmp_path, bobs=1)))
+    assert alone.advice is None
+    assert "λ: one bob has none to synchronize with" in said(alone)
+    assert "the first run states none" in said(dataclasses.replace(nothing_found, experiment=unreleased))
+    assert "could be simulated for long enough" in said(nothing_found)
 
 
 def test_the_repaired_model_runs_elsewhere(diagnosed, dragged, tmp_path):

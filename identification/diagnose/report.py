@@ -80,6 +80,7 @@ def html(diagnosis: Diagnosis, content: Mapping[str, Any]) -> str:
         ],
         plans=[] if diagnosis.advice is None or diagnosis.advice.in_vain else diagnosis.advice.plans[:6],
         instead="" if diagnosis.advice is None else diagnosis.advice.instead,
+        released=diagnosis.experiment.runs[0].release is not None,
         pictures={name: base64.b64encode(png(figure)).decode() for name, figure in pictures.items()},
         model_toml=diagnosis.model_toml(),
         number=number,
