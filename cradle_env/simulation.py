@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
@@ -92,11 +92,17 @@ def cores() -> int:
 
 def in_threads(function: Callable, items: Sequence, workers: int | None = None) -> list:
     """[function(item) for item in items] on several threads; the kernels run without the interpreter lock."""
+    return list(each_in_threads(function, items, workers))
+
+
+def each_in_threads(function: Callable, items: Sequence, workers: int | None = None) -> Iterator:
+    """The same one by one, in their order, as soon as each is there."""
     workers = min(workers or cores(), max(len(items), 1))
     if workers == 1:
-        return [function(item) for item in items]
-    with ThreadPoolExecutor(workers) as pool:
-        return list(pool.map(function, items))
+        yield from map(function, items)
+    else:
+        with ThreadPoolExecutor(workers) as pool:
+            yield from pool.map(function, items)
 
 
 def sample_times(duration: float, sample_rate: float) -> np.ndarray:

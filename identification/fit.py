@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.optimize import least_squares
 
-from cradle_env.simulation import SimulationError, in_threads
+from cradle_env.simulation import SimulationError, each_in_threads, in_threads
 from identification.experiment import Experiment
 from identification.likelihood import Likelihood, rms
 from identification.runs import Run
@@ -70,10 +70,10 @@ def find_mode(likelihood: Likelihood, seed: int = 0, progress: Progress | None =
     refined, done = [], 0
     for early, going_on in zip(stages, (*_GOING_ON, 0), strict=False):
         refined = []
-        for point in chosen:
+        for reached in refined_from(early, chosen, 15):
             done += 1
             tell("search", done / parts, "refining on the early data")
-            refined.append(refine(early, point, 15))
+            refined.append(reached)
         refined.sort(key=lambda pair: pair[1])
         chosen = [point for point, _ in refined[:going_on]]
     chosen = _distinct(likelihood, refined)[:_FINISHED]
@@ -81,11 +81,8 @@ def find_mode(likelihood: Likelihood, seed: int = 0, progress: Progress | None =
     if several and refined[0][1] > stages[-1].parts()[-1].stop:  # not clearly the right one
         tell("search", done / parts, "neighbouring modes of κ on the early data")
         chosen = [climb(stages[-1], point) for point in chosen]
-    finished = []
-    for k, point in enumerate(chosen):
-        tell("search", (done + k + 1) / parts, "refining on all data")
-        finished.append(refine(likelihood, point, 20))
-    point, least = min(finished, key=lambda pair: pair[1])
+    tell("search", (done + 1) / parts, "refining on all data")
+    point, least = min(refined_from(likelihood, chosen, 20), key=lambda pair: pair[1])
     if not math.isfinite(least):
         raise SimulationError("no point of the search can be simulated over all data: state values nearer to the truth")
     if "kappa" in likelihood.names:
@@ -144,8 +141,8 @@ def best_rungs(
 def _climb_ladder(likelihood: Likelihood, point: np.ndarray, least: float) -> tuple[np.ndarray, float]:
     """The better of the point and what its neighbours in κ lead to."""
     while True:
-        tried = [refine(likelihood, rung, 8) for rung in best_rungs(likelihood, point, _LADDER, 3)]
-        best, best_cost = min(tried, key=lambda pair: pair[1])
+        rungs = best_rungs(likelihood, point, _LADDER, 3)
+        best, best_cost = min(refined_from(likelihood, rungs, 8), key=lambda pair: pair[1])
         if best_cost >= least - 1e-3 * abs(least):
             return (best, best_cost) if best_cost < least else (point, least)
         point, least = best, best_cost
@@ -156,8 +153,7 @@ def climb(likelihood: Likelihood, point: np.ndarray) -> np.ndarray:
     so_far, readings = cost(likelihood, point), likelihood.parts()[-1].stop
     for _ in range(_CLIMBS if math.isfinite(so_far) else 0):
         rungs = best_rungs(likelihood, point, (*_RUNGS, *(-rung for rung in _RUNGS)), _TRIED)
-        reached = [refine(likelihood, rung, _WAY) for rung in rungs]
-        best, least = min(reached, key=lambda pair: pair[1])
+        best, least = min(refined_from(likelihood, rungs, _WAY), key=lambda pair: pair[1])
         best, least = refine(likelihood, best, _END)
         if least > so_far - unit(so_far, readings):
             break
@@ -265,6 +261,14 @@ def refine(likelihood: Likelihood, point: np.ndarray, evaluations: int) -> tuple
             return found.x, 2.0 * float(found.cost)
         cost_before = found.cost  # corrected derivatives may have ended it: once more, with new ones
         descent = _Descent(likelihood, found.x, found.fun)
+
+
+def refined_from(
+    likelihood: Likelihood, points: Sequence[np.ndarray], evaluations: int
+) -> Iterator[tuple[np.ndarray, float]]:  # fmt: skip
+    """What `refine` reaches from each of several points, side by side: much of a descent is one simulation after
+    another."""
+    return each_in_threads(lambda point: refine(likelihood, point, evaluations), points, likelihood.workers)
 
 
 class _Descent:

@@ -19,7 +19,7 @@ from identification.diagnose.fitted import Fitted
 from identification.experiment import Experiment
 from identification.files import ExperimentError, json_text, write_together
 from identification.fingerprint import program
-from identification.fit import Progress, bounds, cost, early_rows, find_mode, refine, training_rows
+from identification.fit import Progress, bounds, cost, early_rows, find_mode, refine, refined_from, training_rows
 from identification.likelihood import Likelihood
 from identification.rough import among_modes, polish
 
@@ -227,10 +227,10 @@ def best_of(
     reached = []
     for some in data:
         costs = np.array(in_threads(lambda z, some=some: cost(some, z), tried, likelihood.workers))
-        for i in np.argsort(costs)[:_FOLLOWED]:
-            if np.isfinite(costs[i]):
-                point = tried[i] if some is likelihood else refine(some, tried[i], _FIRST)[0]
-                reached.append(refine(likelihood, point, _FIRST))
+        followed = [tried[i] for i in np.argsort(costs)[:_FOLLOWED] if np.isfinite(costs[i])]
+        if some is not likelihood:
+            followed = [point for point, _ in refined_from(some, followed, _FIRST)]
+        reached += refined_from(likelihood, followed, _FIRST)
     if not reached:
         raise SimulationError("none of the starting values can be simulated")
     nearest = min(reached, key=lambda pair: pair[1])
@@ -243,7 +243,7 @@ def best_of(
     for point, least in sorted(reached, key=lambda pair: pair[1]):
         if all(abs(least - other) > 1e-2 for _, other in distinct):
             distinct.append((point, least))
-    ends = [refine(likelihood, point, _LAST) for point, _ in distinct[: _KEPT if early_too else 1]]
+    ends = refined_from(likelihood, [point for point, _ in distinct[: _KEPT if early_too else 1]], _LAST)
     return polish(likelihood, min(ends, key=lambda pair: pair[1])[0])
 
 
