@@ -87,7 +87,7 @@ def find_mode(likelihood: Likelihood, seed: int = 0, progress: Progress | None =
         raise SimulationError("no point of the search can be simulated over all data: state values nearer to the truth")
     if "kappa" in likelihood.names:
         tell("search", 0.9, "neighbouring modes of κ")
-        point, least = _climb_ladder(likelihood, point, least)
+        point, least = climb_ladder(likelihood, point, least)
     _reweigh(likelihood, point)
     point = refine(likelihood, point, 40)[0]
     return mode_at(likelihood, point, jacobian(likelihood, point, likelihood.residuals(point)))
@@ -138,7 +138,7 @@ def best_rungs(
     return [rungs[i] for i in np.argsort(costs)[:count]]
 
 
-def _climb_ladder(likelihood: Likelihood, point: np.ndarray, least: float) -> tuple[np.ndarray, float]:
+def climb_ladder(likelihood: Likelihood, point: np.ndarray, least: float) -> tuple[np.ndarray, float]:
     """The better of the point and what its neighbours in κ lead to."""
     while True:
         rungs = best_rungs(likelihood, point, _LADDER, 3)

@@ -91,7 +91,9 @@ def test_which_of_several_laws_is_taken(monkeypatch, gap_alone, choices, taken):
                 raise SimulationError("it flies away")
 
         return SimpleNamespace(chi2=chi2, point=np.zeros(unknowns), coloured=(1.0, 3600.0), experiment=None,
-                               training_gap=lambda: gap_alone, held_out_gap=held_out_gap)  # fmt: skip
+                               cradle=Cradle(bobs=1), residuals=np.full(9, gap_alone), count=9,
+                               training_gap=lambda: gap_alone,
+                               held_out_gap=held_out_gap)  # fmt: skip
 
     left = dict(itertools.chain.from_iterable(choices))
     monkeypatch.setattr(law_module, "_free", lambda *arguments: fit(left[arguments[4][0]], 6))
@@ -103,6 +105,47 @@ def test_which_of_several_laws_is_taken(monkeypatch, gap_alone, choices, taken):
     several = [(law_module._Draft((gap,), (gap,), {}, {}, gap) for gap, _ in choice) for choice in choices]
     found = law_module._completed(none, None, part, several)  # type: ignore[arg-type]
     assert (found and found.inner_after) == taken
+
+
+@pytest.mark.parametrize(
+    ("left", "gap", "kept"),
+    [
+        ({"cps": 3000.0, "cp": 3001.0, "c": 4000.0}, 1.0, "cp"),  # what gains less than its own unknown goes
+        ({"cps": 3000.0, "cp": 3001.0, "c": 3002.0}, 1.0, "c"),  # one after the other
+        ({"cps": 3000.0, "cp": 3030.0, "c": 3031.0}, 1.0, "cps"),
+        ({"cps": 3000.0, "cp": 3001.0, "c": 3002.0}, 2.1, "cps"),  # not where the rest predicts nothing
+    ],
+)
+def test_terms_that_the_rest_does_without_go(monkeypatch, left, gap, kept):
+    """The least certain first: here s, then p."""
+    term = {key[0]: Term("learned_force", key, 0) for key in ("cubic", "push", "square")}
+    size = {term[key].name: value for key, value in {"c": 3.0, "p": 2.0, "s": 1.0}.items()}
+
+    def fit(terms, chi2):
+        names = [one.name for one in terms]
+        return SimpleNamespace(
+            chi2=chi2, point=np.zeros(4 + len(terms)), coloured=(1.0, 3600.0), experiment=None, cradle=Cradle(bobs=1),
+            values={name: size[name] for name in names}, smooth=np.eye(len(names)),
+            likelihood=SimpleNamespace(names=names), held_out_gap=lambda: gap, residuals=np.ones(9), count=9,
+            training_gap=lambda: 1.0,
+        )  # fmt: skip
+
+    terms = {key: tuple(term[one] for one in key) for key in left}
+    by_terms = {terms[key]: chi2 for key, chi2 in left.items()}
+    monkeypatch.setattr(law_module, "_free", lambda *arguments: fit(arguments[4], by_terms[arguments[4]]))
+    full = Law(fit((), 5000.0), fit(terms["cps"], left["cps"]), terms["cps"], {}, 2.0, 1.0)  # type: ignore[arg-type]
+    found = law_module._without_the_needless(full, None, None)  # type: ignore[arg-type]
+    assert found.terms == terms[kept]
+
+
+def test_a_kink_in_the_strings_is_learned_as_a_pull_along_them(tmp_path):
+    """A tension that is 4 % larger about one angle: some 0.1 N there."""
+    kink = {"string_kink": {"stiffening": 0.04, "angle": 0.08, "width": 0.05}}
+    base, searcher = fitted(tmp_path, kink, bobs=2)
+    found = learn(base, searcher, QUIET)
+    assert found is not None and found.fitted.values["learned_force.tug_5[*]"] == pytest.approx(0.1, rel=0.2)
+    assert found.fitted.held_out_gap() < 1.3 < 3.0 < base.held_out_gap()
+    assert any("pull along the string" in line for line in Shape(found, found.fitted).words())
 
 
 def test_drafts_that_predict_nothing_are_passed_over(monkeypatch):

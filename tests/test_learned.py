@@ -44,6 +44,7 @@ COEFFICIENTS = {
     "push": 4e-3, "even": -3e-3, "surge": 2e-3, "cubic": 5e-3, "quintic": -4e-3, "well": 6e-3, "dry": 1e-3,
     "slow": 2e-3, "stick": 2e-3, "square": 3e-3, "cube": 4e-3, "wide": 5e-3, "loaded": 1e-3, "radial": 2e-2,
     "hump_1": 3e-3, "hump_2": -2e-3, "hump_3": 1e-3, "hump_4": 2e-3, "hump_5": -1e-3, "hump_6": 2e-3, "hump_7": -3e-3,
+    "tug_1": 2e-2, "tug_2": -3e-2, "tug_3": 4e-2, "tug_4": 3e-2, "tug_5": -2e-2, "tug_6": 3e-2, "tug_7": -4e-2,
     "cosine": 3e-3, "sine": -4e-3,
 }  # fmt: skip
 
@@ -56,8 +57,9 @@ def formula(t: float, _r: float, theta: float, v_r: float, v_t: float) -> tuple[
     along -= c["stick"] * math.sqrt(2 * math.e) * u / 0.07 * math.exp(-((u / 0.07) ** 2))
     along -= c["slow"] * u / (abs(u) + 0.1) + c["square"] * abs(u) * u + c["cube"] * u**3 + c["wide"] * x**2 * u
     along += sum(c[f"hump_{i + 4}"] * math.exp(-((4 * x - i) ** 2)) for i in range(-3, 4))
+    pull = sum(c[f"tug_{i + 4}"] * math.exp(-((4 * x - i) ** 2)) for i in range(-3, 4))
     aside = c["cosine"] * math.cos(2 * math.pi * 1.3 * t) + c["sine"] * math.sin(2 * math.pi * 1.3 * t)
-    return aside * math.sin(theta) - c["radial"] * v_r / 0.5, aside * math.cos(theta) + along
+    return aside * math.sin(theta) - pull - c["radial"] * v_r / 0.5, aside * math.cos(theta) + along
 
 
 @pytest.mark.parametrize("elastic", [False, True])
@@ -68,9 +70,31 @@ def test_the_force_is_its_formula(elastic: bool) -> None:
     cradle = base.replace(effects={**base.effects, **law("learned_force", **COEFFICIENTS)})
     expected = one_bob(cradle, formula, elastic=elastic)
     np.testing.assert_allclose(angles(cradle), expected, rtol=0, atol=1e-6)
-    for key in set(COEFFICIENTS) - {"radial"}:
+    for key in COEFFICIENTS if elastic else [key for key in COEFFICIENTS if key != "radial" and "tug" not in key]:
         without = law("learned_force", **{**COEFFICIENTS, key: 0.0})
         assert np.abs(angles(base.replace(effects={**base.effects, **without})) - expected).max() > 1e-5, key
+
+
+@pytest.mark.parametrize("model", ["ho", "pendulum", "nsp"])
+@pytest.mark.parametrize("coefficients", [{"push": 0.02}, {"hump_4": 0.03, "even": 0.01}, {"tug_4": 0.3, "push": 0.01}])
+def test_bobs_at_rest_hang_where_the_force_lets_them(model: str, coefficients: dict) -> None:
+    """A bob that nothing hits stays where it starts, to rounding; under a push along the swing that is asin(F/m g)."""
+    cradle = Cradle(bobs=2, delta=8.0, model=model, effects=law("learned_force", **coefficients))
+    run = simulate(cradle, RELEASE, 5.0)
+    assert np.ptp(run.theta[:, 0]) < 1e-12 and np.ptp(run.r[:, 0]) < 1e-12
+    lean = coefficients.get("push", 0.0) / (cradle.mass * cradle.gravity)
+    if coefficients.keys() == {"push"}:
+        assert run.theta[0, 0] == pytest.approx(lean if model == "ho" else math.asin(lean), rel=1e-12)
+    assert run.theta[0, 0] >= 0.9 * lean > 0.0 or "hump_4" in coefficients
+
+
+def test_bobs_in_touch_rest_under_forces_that_press_them() -> None:
+    """Until the third comes down, 0.25 s later."""
+    cradle = Cradle(bobs=3, effects=law("learned_force", push=[4e-3, -6e-3, 0.0]))
+    run = simulate(cradle, RELEASE, 0.25)
+    assert np.ptp(run.theta[:, :2], axis=0).max() < 1e-9
+    free = cradle.replace(effects=law("learned_force", push=[4e-3, 0.0, 0.0]))
+    assert np.ptp(simulate(free, RELEASE, 0.25).theta[:, 1]) < 1e-9
 
 
 def test_each_bob_has_its_own() -> None:

@@ -14,17 +14,21 @@ DRY, SLOW, STICK, HUMP = 0.01, 0.1, 0.07, math.sqrt(2.0 * math.e)
 CENTRES, WIDTH = (-0.75, -0.5, -0.25, 0.0, 0.25, 0.5, 0.75), 0.25
 
 
-def _hump(centre: float) -> tuple[str, str]:
-    if centre == 0.0:
-        return f"exp(−(x/{WIDTH:g})²)", "a push about the middle of the swing"
-    less, side = ("−", "") if centre > 0.0 else ("+", "−")
-    return f"exp(−((x {less} {abs(centre):g})/{WIDTH:g})²)", f"a push around {side}{abs(100 * centre):g} % of the swing"
+def _humps(key: str, sign: str, what: str) -> dict[str, tuple[str, str]]:
+    """Terms that act around each of the centres."""
+    found = {}
+    for i, centre in enumerate(CENTRES, 1):
+        away = f"(x {'−' if centre > 0.0 else '+'} {abs(centre):g})" if centre else "x"
+        where = f"around {'−' if centre < 0.0 else ''}{abs(100 * centre):g} %" if centre else "about the middle"
+        found[f"{key}_{i}"] = (f"{sign}exp(−({away}/{WIDTH:g})²)", f"{what} {where} of the swing")
+    return found
 
 
 #: Parameters that are no coefficients; all stand in the order of these, then `TERMS`.
 SCALES = ("angle", "speed", "frequency")
 #: Each term's shape, x = θ/angle, u = v/speed, ω = 2π frequency, t from the start of the run, and its meaning. All act
-#: along the swing but drag along the string and the last two, which are horizontal, as in a room that shakes.
+#: along the swing but drag and pulls along the string, and the last two, which are horizontal, as in a room that
+#: shakes.
 TERMS = {
     "push": ("1", "a constant push"),
     "even": ("x²", "a push by the square of the angle"),
@@ -40,7 +44,8 @@ TERMS = {
     "wide": ("−x² u", "drag that grows by the square of the angle"),
     "loaded": ("−x² tanh(100 u)", "dry friction that grows by the square of the angle"),
     "radial": ("−u_r", "drag along the string"),
-    **{f"hump_{i}": _hump(centre) for i, centre in enumerate(CENTRES, 1)},
+    **_humps("hump", "", "a push"),
+    **_humps("tug", "−", "a pull along the string"),
     "cosine": ("cos ωt", "a horizontal force that swings by itself, as it is at the start"),
     "sine": ("sin ωt", "a horizontal force that swings by itself, a quarter of its period later"),
 }
@@ -64,11 +69,13 @@ def force(t, r, theta, v_r, v_theta, parameters):
     if p[9] != 0.0 or p[15] != 0.0:
         total -= (p[9] + p[15] * x2) * math.tanh(u / DRY)
     for i in range(len(CENTRES)):
-        if p[17 + i] != 0.0:
-            total += p[17 + i] * math.exp(-(((x - CENTRES[i]) / WIDTH) ** 2))
-    if p[24] != 0.0 or p[25] != 0.0:
+        if p[17 + i] != 0.0 or p[24 + i] != 0.0:
+            hump = math.exp(-(((x - CENTRES[i]) / WIDTH) ** 2))
+            total += p[17 + i] * hump
+            along -= p[24 + i] * hump
+    if p[31] != 0.0 or p[32] != 0.0:
         phase = 2.0 * math.pi * p[2] * t
-        horizontal = p[24] * math.cos(phase) + p[25] * math.sin(phase)
+        horizontal = p[31] * math.cos(phase) + p[32] * math.sin(phase)
         along += horizontal * math.sin(theta)
         total += horizontal * math.cos(theta)
     return along, total

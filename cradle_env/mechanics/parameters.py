@@ -28,7 +28,7 @@ GRID, TURN, TAUT, RELEASE, PART = map(_INT, range(5))
 OPEN, PRESSED, RESOLVED = 0.0, 1.0, 2.0
 
 #: How many parameters the forces from outside may have together.
-USER = 32
+USER = 48
 #: How fast the three exponentials of learned_pair fall with the gap, per radius of a bob.
 PAIR_DECAYS = (20.0, 4.0, 1.0)
 

@@ -5,6 +5,7 @@ import math
 import numpy as np
 
 from cradle_env.mechanics.contact import CONTACT, pair, set_normals, solve_chain
+from cradle_env.mechanics.forces import user_force
 from cradle_env.mechanics.jit import entry, jit
 from cradle_env.mechanics.parameters import (
     ACTIVE,
@@ -28,6 +29,8 @@ from cradle_env.mechanics.strings import stretch, take_branch, work_between
 _FIRST = np.int64(0)
 # Contact forces at rest are found so often anew, and count as found where no gap is left beyond this [m].
 _ROUNDS, _AT_REST = 200, 1e-9
+# A bob hangs where a force from outside, which depends on where it is, moves it by no more than this [m or rad].
+_STILL = 1e-15
 # So often a release angle is raised; what is left falls at least by 1 - cos(angle) each time.
 _RAISES = 100
 # Radii by which neighbours may be said to overlap, as angles that are measured do, and are spread.
@@ -58,14 +61,36 @@ def put(cradle, bob, S, i, theta, r):
 
 
 @jit
+def at_its_place(cradle, bob, S, i):
+    """(x, z) [N] of the force from outside on bob i, at rest where it is put."""
+    if cradle.user_force == 0:
+        return 0.0, 0.0
+    r, theta = bob.length, S[i, START]
+    if cradle.elastic:
+        x, z = S[i, START] - bob.pivot, S[i, START + 1]
+        r, theta = math.sqrt(x * x + z * z), math.atan2(x, -z)
+    f_r, f_t = user_force(cradle, bob, S[i, T0], r, theta, 0.0, 0.0)
+    if not cradle.large_angle:
+        return f_t, -f_r
+    sin, cos = math.sin(theta), math.cos(theta)
+    return f_r * sin + f_t * cos, f_t * sin - f_r * cos
+
+
+@jit
 def hang(cradle, bob, S, i, fx, fz):
-    """Equilibrium of bob i under a contact force (fx, fz) [N]: the strings point along the load."""
+    """Equilibrium of bob i under a contact force (fx, fz) [N] and the force from outside where it is: the strings
+    point along the load. Returns how far that moves it [m, on rigid strings rad]."""
     weight = bob.mass * cradle.gravity
+    x, z = S[i, START], S[i, START + 1]
+    more_x, more_z = at_its_place(cradle, bob, S, i)
+    fx += more_x
+    fz += more_z
     if cradle.large_angle:
         load = math.sqrt(fx * fx + (fz - weight) ** 2)
         put(cradle, bob, S, i, math.atan2(fx, weight - fz), hanging_radius(cradle, bob, load))
     else:
         put(cradle, bob, S, i, fx / weight, bob.length)
+    return max(abs(S[i, START] - x), abs(S[i, START + 1] - z))
 
 
 @entry
@@ -80,16 +105,18 @@ def at_rest(cradle, bobs, angles, hanging, S, W):
     for i in range(n):
         S[i, LINK], S[i, MEETING], W[i, FORCE] = OPEN, math.inf, 0.0
     for i in range(n):
+        r = hanging_radius(cradle, bobs[i], bobs[i].mass * cradle.gravity)
         if math.isnan(angles[i]):
-            hang(cradle, bobs[i], S, i, 0.0, 0.0)
+            put(cradle, bobs[i], S, i, 0.0, r)
+            for _ in range(_ROUNDS):
+                if hang(cradle, bobs[i], S, i, 0.0, 0.0) < _STILL:
+                    break
         else:
-            weight = bobs[i].mass * cradle.gravity
-            r = hanging_radius(cradle, bobs[i], weight) if hanging else bobs[i].length
-            put(cradle, bobs[i], S, i, angles[i], r)
+            put(cradle, bobs[i], S, i, angles[i], r if hanging else bobs[i].length)
 
     # Contact forces between bobs that hang: a bob yields to a horizontal force as 1 / (m g / r), which is r / g
     # times its mobility; the true compliance differs by the square of the lean, so this converges linearly.
-    worst = 0.0
+    worst, moved = 0.0, 0.0
     for _ in range(_ROUNDS):
         worst = 0.0
         for p in range(n - 1):
@@ -99,21 +126,23 @@ def at_rest(cradle, bobs, angles, hanging, S, W):
             W[p, WANTED] = -gap * cradle.gravity / bobs[p].length
             if W[p, ACTIVE] != 0.0:
                 worst = max(worst, abs(gap))
-        if worst < 1e-16:
+        if worst < 1e-16 and moved < _STILL:
             break
         set_normals(cradle, bobs, _FIRST, n, S[0, T0], S, START, W)
         solve_chain(cradle, bobs, _FIRST, n, S, START, W)
         for p in range(n - 1):
             W[p, FORCE] = max(0.0, W[p, FORCE] + W[p, SOLUTION])
         nx0, nz0 = 0.0, 0.0
-        before = 0.0
+        before, moved = 0.0, 0.0
         for i in range(n):
             nx, nz, after = 0.0, 0.0, 0.0
             if i < n - 1 and W[i, FORCE] > 0.0:
                 _, nx, nz, _, _ = pair(cradle, bobs, i, S[i, T0], S, START)
                 after = W[i, FORCE]
             if math.isnan(angles[i]):
-                hang(cradle, bobs[i], S, i, before * nx0 - after * nx, before * nz0 - after * nz)
+                shift = hang(cradle, bobs[i], S, i, before * nx0 - after * nx, before * nz0 - after * nz)
+                if cradle.user_force != 0:
+                    moved = max(moved, shift)
             nx0, nz0, before = nx, nz, after
     for p in range(n - 1):
         if W[p, FORCE] > 0.0:

@@ -9,6 +9,7 @@ it leaves over the noise shows further terms. What is held out is never looked a
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 import itertools
 import math
@@ -24,9 +25,9 @@ from identification.diagnose.fitted import Fitted, colour
 from identification.diagnose.in_time import with_time
 from identification.diagnose.inner import FAR, gap_within, inner
 from identification.diagnose.search import Searcher, fit_key, only_noise, placed
-from identification.diagnose.terms import Linear, Scales, Term, extended, library
+from identification.diagnose.terms import Linear, Scales, Term, choice, choice_beside, extended
 from identification.experiment import Experiment
-from identification.fit import Progress, cost, refine, training_rows
+from identification.fit import Progress, climb_ladder, cost, refine, training_rows
 from identification.noise import gap_of_noise
 from identification.rough import ROUNDS, polish
 from identification.units import swings_read
@@ -56,9 +57,10 @@ class Law:
 
     @functools.cached_property
     def log_evidence(self) -> float:
-        """Over the model without it."""
+        """Over the model without it, less what it costs that the terms were chosen."""
         more = len(self.fitted.point) - len(self.before.point)
-        return log_evidence(self.before.chi2 - self.fitted.chi2, more, *self.fitted.coloured)
+        gained = log_evidence(self.before.chi2 - self.fitted.chi2, more, *self.fitted.coloured)
+        return gained - choice_beside(self.before, len(self.terms))
 
 
 @dataclass(frozen=True, eq=False)
@@ -152,12 +154,18 @@ def _drafted(
 ) -> _Draft | None:  # fmt: skip
     """The law with further terms; None where that predicts no better, or with a gap of `most` or above."""
     new, values = tuple(map(linear.term, subset)), linear.values(subset)
-    terms = (*law.terms, *new)
+    return _draft(law, searcher, part, _Draft((*law.terms, *new), new, values, scales, min(law.inner_after, most)))
+
+
+def _draft(law: Law, searcher: Searcher, part: Experiment, wanted: _Draft) -> _Draft | None:
+    """A draft with the gap that its inner prediction has; None where that is not below the gap wanted."""
     try:
-        gap = _free(law.before, searcher, part, scales, terms, values, new).held_out_gap()
+        gap = _free(
+            law.before, searcher, part, wanted.scales, wanted.terms, wanted.values, wanted.new
+        ).held_out_gap()  # fmt: skip
     except (SimulationError, ValueError):  # a law under which the cradle cannot swing
         return None
-    return _Draft(terms, new, values, scales, gap) if gap < min(law.inner_after, most) else None
+    return dataclasses.replace(wanted, gap=gap) if gap < wanted.gap else None
 
 
 def _completed(law: Law, searcher: Searcher, part: Experiment, several: Sequence[Iterator[_Draft]]) -> Law | None:
@@ -176,10 +184,26 @@ def _completed(law: Law, searcher: Searcher, part: Experiment, several: Sequence
         least = min(draft.gap for draft, _ in left)
         equal = [one for one in left if one[0].gap <= by_noise * least]
         if found := list(_better(law, searcher, [draft for draft, _ in equal])):
-            return max(found, key=lambda one: one.log_evidence)
+            return _without_the_needless(max(found, key=lambda one: one.log_evidence), searcher, part)
         left = [one for one in left if one not in equal]
         left += [(draft, choice) for _, choice in equal for draft in itertools.islice(choice, 1)]
     return None
+
+
+def _without_the_needless(law: Law, searcher: Searcher, part: Experiment) -> Law:
+    """The law without terms that the rest, refitted, do without: the linear model by which they were chosen holds only
+    near where the model without them had its mode. Far above the noise, where evidence says little, all stay."""
+    while len(law.terms) > 1 and law.before.training_gap() <= FAR:
+        values, sd = law.fitted.values, np.sqrt(np.diag(law.fitted.smooth))
+        sizes = {name: abs(values[name]) / own for name, own in zip(law.fitted.likelihood.names, sd, strict=True)}
+        least = min(law.terms, key=lambda term: sizes[term.name])
+        terms = tuple(term for term in law.terms if term != least)
+        draft = _draft(law, searcher, part, _Draft(terms, (), values, law.scales, law.inner_before))
+        fewer = None if draft is None else _whole(law, searcher, draft)
+        if fewer is None or fewer.log_evidence <= law.log_evidence:
+            break
+        law = fewer
+    return law
 
 
 def _better(law: Law, searcher: Searcher, drafts: Iterable[_Draft]) -> Iterator[Law]:
@@ -238,9 +262,11 @@ def _free(
             for part in parts
         ]
         costs = in_threads(lambda z: cost(likelihood, z), starts, likelihood.workers)
-        point = refine(likelihood, starts[int(np.argmin(costs))], _EVALUATIONS)[0]
-        rounds = ROUNDS if experiment is fitted.experiment else _INNER_ROUNDS
-        return polish(likelihood, point, rounds, thorough=True) if meet else point
+        point, least = refine(likelihood, starts[int(np.argmin(costs))], _EVALUATIONS)
+        whole = experiment is fitted.experiment
+        if whole and "kappa" in likelihood.names:  # where a law may begin, the model without it made up for it by κ
+            point, _ = climb_ladder(likelihood, point, least)
+        return polish(likelihood, point, ROUNDS if whole else _INNER_ROUNDS, thorough=True) if meet else point
 
     return Fitted(likelihood, searcher.store.point(key, find))
 
@@ -252,7 +278,7 @@ def advantage(law: Law, named: Fitted) -> float:
     rival = law.fitted
     inflation, effective = min((named, rival), key=lambda one: one.chi2).coloured
     more = len(rival.point) - len(named.point)
-    return log_evidence(named.chi2 - rival.chi2, more, inflation, effective) - _choice(rival, len(law.terms))
+    return log_evidence(named.chi2 - rival.chi2, more, inflation, effective) - choice(rival.cradle, len(law.terms))
 
 
 def can_outdo(before: Fitted, named: Fitted) -> bool:
@@ -261,12 +287,7 @@ def can_outdo(before: Fitted, named: Fitted) -> bool:
     inflation, effective = named.coloured
     spared = len(named.point) - len(before.point)
     several = range(1, _MOST + 1)
-    return CLOSE <= max(log_evidence(0.0, k - spared, inflation, effective) - _choice(before, k) for k in several)
-
-
-def _choice(fitted: Fitted, terms: int) -> float:
-    """What it costs in log evidence that a law was free to choose so many terms from its library."""
-    return math.log(math.comb(len(library(fitted.cradle)), terms))
+    return CLOSE <= max(log_evidence(0.0, k - spared, inflation, effective) - choice(before.cradle, k) for k in several)
 
 
 def scales_of(fitted: Fitted) -> Scales:

@@ -121,10 +121,11 @@ class Shape:
         return f"every {one}" if common else f"{one} {number}" if one == "bob" else f"{one} {number} and {number + 1}"
 
     def _force(self, key: str, theta: np.ndarray, v: np.ndarray) -> np.ndarray:
-        """Force along the swing [N] of one term with coefficient 1 N; those in time have curves of their own."""
+        """Force along the string and along the swing [N], (2, M), of one term with coefficient 1 N; those in time have
+        curves of their own."""
         scales = [self._values(learned_force.name, key) for key in SCALES]
         parameters = [*scales, *(float(other == key and key not in IN_TIME) for other in OF_FORCE)]
-        return np.array([force(0.0, 0.0, a, 0.0, b, parameters)[1] for a, b in zip(theta, v, strict=True)])
+        return np.array([force(0.0, 0.0, a, 0.0, b, parameters) for a, b in zip(theta, v, strict=True)]).T
 
     def _of_bob(self, bob: int) -> list[Curve]:
         name = learned_force.name
@@ -136,26 +137,31 @@ class Shape:
         b, before = self.fitted.values["b"], self.law.before.values["b"]
         drag = ("b", b * v)
         against, width = self._curve(
-            name, bob, lambda k: 0.5 * (self._force(k, rest, -v) - self._force(k, rest, v)), drag
+            name, bob, lambda k: 0.5 * (self._force(k, rest, -v) - self._force(k, rest, v))[1], drag
         )  # fmt: skip
-        push, push_width = self._curve(name, bob, lambda k: self._force(k, theta, rest))
+        push, push_width = self._curve(name, bob, lambda k: self._force(k, theta, rest)[1])
+        pull, pull_width = self._curve(name, bob, lambda k: -self._force(k, theta, rest)[0])
         ripple = np.linspace(0.0, float(np.max(np.abs(self.motion.r_dot[:, bob - 1]))), _POINTS)
         speed = self._values(name, "speed")
         along, along_width = self._curve(name, bob, lambda k: ripple / speed * float(k == "radial"))
         lift, lift_width = self._curve(  # what acts at rest stands in the curve by angle
             name,
             bob,
-            lambda k: 0.5 * (self._force(k, rest, v) + self._force(k, rest, -v)) - self._force(k, rest, rest),
+            lambda k: (0.5 * (self._force(k, rest, v) + self._force(k, rest, -v)) - self._force(k, rest, rest))[1],
         )
         curves = [
             Curve(f"{who}: against the motion, drag b included", "speed [m/s]", "force [mN]", v,
                   1e3 * (against + b * v), 1e3 * width, 1e3 * before * v),
             Curve(f"{who}: at rest, by angle", "θ [rad]", "force [mN]", theta, 1e3 * push, 1e3 * push_width),
+            Curve(f"{who}: pull along the string, by angle", "θ [rad]", "force [mN]", theta, 1e3 * pull,
+                  1e3 * pull_width),
             Curve(f"{who}: against motion along the string", "speed [m/s]", "force [mN]", ripple, 1e3 * along,
                   1e3 * along_width),
             Curve(f"{who}: the same both ways, by speed", "speed [m/s]", "force [mN]", v, 1e3 * lift, 1e3 * lift_width),
         ]  # fmt: skip
-        return [curve for curve, own in zip(curves, (against, push, along, lift), strict=True) if _size(own) > 0.0]
+        return [
+            curve for curve, own in zip(curves, (against, push, pull, along, lift), strict=True) if _size(own) > 0.0
+        ]
 
     def _in_time(self, bob: int) -> list[Curve]:
         """What swings by itself, over its first periods; in the band, the uncertainty of the frequency."""
@@ -272,6 +278,8 @@ def _described(curve: Curve) -> str:
         if _size(even) > 2.0 * _size(odd):
             return f"on {who}, a push to one side at any angle, {signed} {unit} at {at}"
         return f"on {who}, a push that depends on the angle, {signed} {unit} at {at}"
+    if what.startswith("pull"):
+        return f"on {who}, a pull along the string that depends on the angle, {signed} {unit} at {at}"
     if what.startswith("the same both ways"):
         return f"on {who}, a push to one side whichever way it moves, {signed} {unit} at {at}"
     if what == "restitution":

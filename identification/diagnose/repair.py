@@ -17,12 +17,14 @@ from identification.diagnose.decide import ALPHA, CLOSE, Decision, judged, log_e
 from identification.diagnose.fitted import Fitted
 from identification.diagnose.inner import predictions, refuted
 from identification.diagnose.law import Law, advantage, can_outdo, learn
-from identification.diagnose.search import Searcher
+from identification.diagnose.search import Searcher, only_noise
 from identification.diagnose.stand_in import standing_in
 from identification.fit import Progress
 
 #: How many effects may be added.
 _MOST_STEPS = 6
+#: From so many models on, the base among them, names must do better than a law.
+_OVERTAKEN = 3
 #: Share of the excess that an effect must explain to be named where more than noise is left in the end.
 _SHARE = 0.5
 #: Several effects that leave less than this share of the excess χ², and yet more than noise, only bend towards it.
@@ -82,10 +84,21 @@ def repair(
 
 
 def _add(course: Course) -> None:
-    """Adds effects as long as more than noise is left and one helps, or noise alone only seems to be left."""
+    """Adds effects as long as more than noise is left and one helps, or noise alone only seems to be left; and until
+    a law would do better than they."""
     more = True
-    while more and len(course.steps) < _MOST_STEPS:
+    while more and len(course.steps) < _MOST_STEPS and not _overtaken(course):
         more = course.go_on() if course.examined[-1].significant else course.look_elsewhere()
+
+
+def _overtaken(course: Course) -> bool:
+    """Whether a law on the base model leaves only noise, where several names together leave more: yet another would
+    only bend towards one unknown cause."""
+    last = course.examined[-1]
+    if len(course.examined) < _OVERTAKEN or not last.significant:
+        return False
+    law = learn(course.examined[0].fitted, course.searcher, course.tell, last.fitted)
+    return law is not None and only_noise(law.fitted) and advantage(law, last.fitted) >= CLOSE
 
 
 def _withdraw(course: Course) -> list[str]:

@@ -7,6 +7,7 @@ subset saves the χ² hᵀG⁻¹h, its rows and columns alone. Drag b stays in G
 from __future__ import annotations
 
 import functools
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -20,9 +21,10 @@ from cradle_env.simulation import SimulationError, in_threads
 from identification.diagnose.candidates import filled, is_strength, with_effects
 from identification.diagnose.decide import log_evidence
 from identification.diagnose.fitted import Fitted, span
+from identification.diagnose.inner import FAR
 from identification.diagnose.search import placed
 from identification.experiment import Experiment
-from identification.likelihood import Likelihood
+from identification.likelihood import Likelihood, rms
 from identification.rough import lengths_of
 
 #: Least share of a term that must be left beside all that the unknowns absorb, and the least that may remain of b.
@@ -70,6 +72,18 @@ def library(cradle: Cradle) -> tuple[Term, ...]:
                 continue
             found += [Term(declared.name, p.key, i, not p.each) for i in range(1 if several == 1 else several + 1)]
     return tuple(sorted(found, key=lambda term: term.which > 0))
+
+
+def choice(cradle: Cradle, terms: int) -> float:
+    """What it costs in log evidence that a law is free to choose so many terms from the library of a cradle."""
+    return math.log(math.comb(len(library(cradle)), terms))
+
+
+def choice_beside(fitted: Fitted, terms: int) -> float:
+    """The same beside a model without the law; 0 where that is far above the noise: evidence counts in what a model
+    leaves there, and no few terms are all that is missing."""
+    far = rms(fitted.residuals[: fitted.count]) > FAR
+    return 0.0 if far else choice(fitted.cradle, terms)
 
 
 def extended(experiment: Experiment, scales: Scales, terms: Sequence[Term]) -> Experiment:
@@ -194,9 +208,11 @@ class Linear:
         return left + others @ rest, np.concatenate([np.insert(rest, b, c[0]), c[1:]])
 
     def log_evidence(self, subset: tuple[int, ...], inflation: float, effective: float) -> float:
-        """Over the model alone: ½ (Δχ²/c − k ln n_eff), see `decide`; a frequency is an unknown more."""
+        """Over the model alone: ½ (Δχ²/c − k ln n_eff), see `decide`, less what their choice costs; a frequency is an
+        unknown more."""
         unknowns = len(subset) + any(self.term(i).in_time for i in subset)
-        return log_evidence(self.saved(subset) - self.saved(()), unknowns, inflation, effective)
+        gained = log_evidence(self.saved(subset) - self.saved(()), unknowns, inflation, effective)
+        return gained - choice_beside(self.fitted, len(subset))
 
     def values(self, subset: tuple[int, ...]) -> dict[str, float]:
         """The unknowns of the cradle, and coefficients, where the linear model with a subset has its least."""
