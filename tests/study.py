@@ -36,8 +36,9 @@ STIFFENED = 1e6
 _UNEVEN = frozenset({"length_mismatch", "mass_mismatch"})
 _LASTING = "contact_duration"
 TARGETS = (15.0, 50.0, 200.0)
-#: The first round that is held out, the first that one commit judged, and how many there are; nulls in each.
-HELD_OUT, LATEST, ROUNDS = 12, 22, 25
+#: The first round that is held out, the first of those that one commit judged and of those that a later one did, and
+#: how many there are; nulls in each.
+HELD_OUT, EARLIER, LATEST, ROUNDS = 12, 22, 25, 27
 NULLS = 4
 #: How many wrong models the oracle refits, and how often it tries a strength.
 _REFITTED, _SEARCHES = 2, 8

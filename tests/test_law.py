@@ -24,9 +24,10 @@ from identification.diagnose.fitted import Fitted, with_known_noise
 from identification.diagnose.in_time import with_time
 from identification.diagnose.inner import inner, predictions
 from identification.diagnose.intervals import intervals
-from identification.diagnose.law import Law, advantage, learn, scales_of
+from identification.diagnose.law import Law, _origins, advantage, learn, scales_of
 from identification.diagnose.law_shape import Curve, Shape, _described, terms_of
 from identification.diagnose.pictures import law_figure
+from identification.diagnose.repair import _overtaken
 from identification.diagnose.report import save
 from identification.diagnose.search import Searcher, Store, only_noise, placed
 from identification.diagnose.terms import FREQUENCY, Linear, Term, extended, library
@@ -103,7 +104,7 @@ def test_which_of_several_laws_is_taken(monkeypatch, gap_alone, choices, taken):
     monkeypatch.setattr(law_module, "training_rows", lambda _: ([times < 40.0], [times >= 40.0]))
     part, none = SimpleNamespace(runs=(run,)), Law(alone, alone, (), {}, 2.0, 2.0)  # type: ignore[arg-type]
     several = [(law_module._Draft((gap,), (gap,), {}, {}, gap) for gap, _ in choice) for choice in choices]
-    found = law_module._completed(none, None, part, several)  # type: ignore[arg-type]
+    found = law_module._completed(none, SimpleNamespace(workers=1), part, several)  # type: ignore[arg-type]
     assert (found and found.inner_after) == taken
 
 
@@ -158,7 +159,8 @@ def test_drafts_that_predict_nothing_are_passed_over(monkeypatch):
 
     monkeypatch.setattr(law_module, "_free", free)
     linear = SimpleNamespace(term=lambda i: i, values=lambda subset: dict.fromkeys(subset, 1.0))
-    none = Law(None, None, (), {}, 2.0, 2.0)  # type: ignore[arg-type]
+    far = SimpleNamespace(training_gap=lambda: 30.0)
+    none = Law(far, far, (), {}, 2.0, 2.0)  # type: ignore[arg-type]
     drafts = law_module._drafts(none, None, None, {}, linear, [*gaps])  # type: ignore[arg-type]
     assert next(drafts).gap == 1.9 and tried == [(0, 1, 2), (0, 1)]
     assert [draft.gap for draft in drafts] == [1.2]
@@ -507,3 +509,29 @@ def test_words_for_a_curve_have_minus_signs():
     x = np.linspace(-0.1, 0.1, 5)
     curve = Curve("bob 1: at rest, by angle", "θ [rad]", "force [mN]", x, np.array([-1.3, 0.0, 0.0, 0.0, 0.0]), 0.0 * x)
     assert _described(curve) == "on bob 1, a push that depends on the angle, −1.3 mN at −0.1 rad"
+
+
+@pytest.mark.parametrize(
+    ("models", "gap", "over", "overtaken"),
+    [(3, 1.5, 4.0, True), (3, 1.5, 2.0, False), (2, 1.5, 4.0, False), (3, 30.0, 4.0, False), (3, 1.5, None, False)],
+)
+def test_names_that_a_law_overtakes_get_no_further_ones(monkeypatch, models, gap, over, overtaken):
+    """By its advantage over two names that leave more than noise; far above the noise, no law of few terms is all."""
+    monkeypatch.setattr("identification.diagnose.repair.learn", lambda *_: None if over is None else "law")
+    monkeypatch.setattr("identification.diagnose.repair.advantage", lambda *_: over)
+    examined = SimpleNamespace(fitted=SimpleNamespace(training_gap=lambda: gap), significant=True)
+    course = SimpleNamespace(examined=[examined] * models, searcher=None, tell=None)
+    assert _overtaken(course) == overtaken  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(("kappa", "origins"), [(200.0, 1), (900.0, 2), (60.0, 2)])
+def test_a_law_is_fitted_from_the_stated_stiffness_too_where_what_lacks_took_it_far(kappa, origins):
+    """A magnet beside one bob took κ from 190 to 899 N/m, from where its own law predicted nothing."""
+    likelihood = SimpleNamespace(start=lambda: None, values=lambda _: {"kappa": 190.0, "b": 0.002})
+    found = _origins(SimpleNamespace(likelihood=likelihood, values={"kappa": kappa}))  # type: ignore[arg-type]
+    assert found == [{}, {"kappa": 190.0}][:origins]
+
+
+def test_a_law_of_rigid_strings_has_no_stiffness_to_begin_with():
+    likelihood = SimpleNamespace(start=lambda: None, values=lambda _: {"b": 0.002})
+    assert _origins(SimpleNamespace(likelihood=likelihood, values={"b": 0.003})) == [{}]  # type: ignore[arg-type]

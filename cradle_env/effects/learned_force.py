@@ -81,6 +81,11 @@ def force(t, r, theta, v_r, v_theta, parameters):
     return along, total
 
 
+def _bounds(key: str) -> tuple[float, float]:
+    """[N]. Pulls along the string that come near a weight are no small departure: strings then go slack."""
+    return (-0.5, 0.5) if key.startswith("tug") else (-100.0, 100.0)
+
+
 def has_dry_friction(values: Values) -> bool:
     """Whether terms act that all but jump where the swing turns."""
     return any(np.any(values.get(key, 0.0)) for key in ("dry", "loaded"))
@@ -100,7 +105,7 @@ learned_force = Effect(
         Parameter("speed", "v_s", "m/s", "scale of speeds", absent=math.nan, low=1e-6, high=100.0, scale=0.3),
         Parameter("frequency", "f", "Hz", "that of a force in time", absent=math.nan, low=1e-4, high=100.0, scale=1.0),
         *(
-            Parameter(key, f"c_{key}", "N", f"{meaning}: {shape}", 0.0, -100.0, 100.0, 1e-3, each="bob")
+            Parameter(key, f"c_{key}", "N", f"{meaning}: {shape}", 0.0, *_bounds(key), 1e-3, each="bob")
             for key, (shape, meaning) in TERMS.items()
         ),
     ),

@@ -13,12 +13,12 @@ import dataclasses
 import functools
 import itertools
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from cradle_env.simulation import SimulationError, in_threads
+from cradle_env.simulation import SimulationError, each_in_threads, in_threads
 from identification.diagnose.cut import can_be_cut, windowed
 from identification.diagnose.decide import CLOSE, log_evidence
 from identification.diagnose.fitted import Fitted, colour
@@ -31,6 +31,7 @@ from identification.fit import Progress, climb_ladder, cost, refine, training_ro
 from identification.noise import gap_of_noise
 from identification.rough import ROUNDS, polish
 from identification.units import swings_read
+from identification.unknowns import SEARCH
 
 #: Terms at most; shares of their coefficients at which refits may start, and evaluations of these.
 _MOST, _PARTS, _EVALUATIONS = 10, (1.0, 0.5, 0.2, 0.05), 20
@@ -41,6 +42,8 @@ _ROUNDS, _SMALL, _MISSED = 3, 3.0, 0.1
 _FAR_WORSE = 1.15
 #: Rounds over a rough misfit for an inner prediction: a law is fitted to its end only where it predicts.
 _INNER_ROUNDS = 2
+#: How far from what was stated κ is taken by what a model lacks, in widths of its search.
+_DISTORTED = 2.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,8 +146,12 @@ def _drafts(
     law: Law, searcher: Searcher, part: Experiment, scales: Scales, linear: Linear, several: list[tuple[int, ...]],
     most: float = math.inf,
 ) -> Iterator[_Draft]:  # fmt: skip
-    """The law with each of several subsets of further terms that predicts better."""
-    drafted = (_drafted(law, searcher, part, scales, linear, subset, most) for subset in several)
+    """The law with each of several subsets of further terms that predicts better; near the noise, where all are asked
+    for, found side by side."""
+    workers = 1 if law.before.training_gap() > FAR else searcher.workers
+    drafted = each_in_threads(
+        lambda subset: _drafted(law, searcher, part, scales, linear, subset, most), several, workers
+    )  # fmt: skip
     return (draft for draft in drafted if draft is not None)
 
 
@@ -183,7 +190,7 @@ def _completed(law: Law, searcher: Searcher, part: Experiment, several: Sequence
     while left:
         least = min(draft.gap for draft, _ in left)
         equal = [one for one in left if one[0].gap <= by_noise * least]
-        if found := list(_better(law, searcher, [draft for draft, _ in equal])):
+        if found := _better(law, searcher, [draft for draft, _ in equal]):
             return _without_the_needless(max(found, key=lambda one: one.log_evidence), searcher, part)
         left = [one for one in left if one not in equal]
         left += [(draft, choice) for _, choice in equal for draft in itertools.islice(choice, 1)]
@@ -206,10 +213,10 @@ def _without_the_needless(law: Law, searcher: Searcher, part: Experiment) -> Law
     return law
 
 
-def _better(law: Law, searcher: Searcher, drafts: Iterable[_Draft]) -> Iterator[Law]:
+def _better(law: Law, searcher: Searcher, drafts: Sequence[_Draft]) -> list[Law]:
     """Those of the drafts, fitted to the whole, with more evidence than the law so far."""
-    whole = (_whole(law, searcher, draft) for draft in drafts)
-    return (one for one in whole if one is not None and one.log_evidence > law.log_evidence)
+    whole = in_threads(lambda draft: _whole(law, searcher, draft), drafts, searcher.workers)
+    return [one for one in whole if one is not None and one.log_evidence > law.log_evidence]
 
 
 def _whole(law: Law, searcher: Searcher, draft: _Draft) -> Law | None:
@@ -257,18 +264,30 @@ def _free(
     def find() -> np.ndarray:
         # All that a linear model found at once may throw a long run out of step, where part of it does not.
         parts = _PARTS if meet else _PARTS[:1]
-        starts = [
-            placed(likelihood, {**fitted.values, **values, **{term.name: part * values[term.name] for term in new}})
-            for part in parts
-        ]
-        costs = in_threads(lambda z: cost(likelihood, z), starts, likelihood.workers)
-        point, least = refine(likelihood, starts[int(np.argmin(costs))], _EVALUATIONS)
+        reached = []
+        for origin in _origins(fitted):
+            begin = {**fitted.values, **values, **origin}
+            starts = [
+                placed(likelihood, {**begin, **{term.name: part * values[term.name] for term in new}}) for part in parts
+            ]
+            costs = in_threads(lambda z: cost(likelihood, z), starts, likelihood.workers)
+            reached.append(refine(likelihood, starts[int(np.argmin(costs))], _EVALUATIONS))
+        point, least = min(reached, key=lambda pair: pair[1])
         whole = experiment is fitted.experiment
         if whole and "kappa" in likelihood.names:  # where a law may begin, the model without it made up for it by κ
             point, _ = climb_ladder(likelihood, point, least)
         return polish(likelihood, point, ROUNDS if whole else _INNER_ROUNDS, thorough=True) if meet else point
 
     return Fitted(likelihood, searcher.store.point(key, find))
+
+
+def _origins(fitted: Fitted) -> list[dict[str, float]]:
+    """What begins otherwise than in the model without a law, each time it is fitted: nothing, and, where that took κ
+    far from what was stated, perhaps to make up for what it lacks, κ."""
+    stated = fitted.likelihood.values(fitted.likelihood.start()).get("kappa")
+    if stated is None or abs(math.log(fitted.values["kappa"] / stated)) < _DISTORTED * SEARCH["kappa"]:
+        return [{}]
+    return [{}, {"kappa": stated}]
 
 
 def advantage(law: Law, named: Fitted) -> float:

@@ -15,15 +15,15 @@ from identification.diagnose.candidates import Candidate, is_strength, taken_fro
 from identification.diagnose.course import SETTLED, Course, Examined, Step
 from identification.diagnose.decide import ALPHA, CLOSE, Decision, judged, log_evidence
 from identification.diagnose.fitted import Fitted
-from identification.diagnose.inner import predictions, refuted
+from identification.diagnose.inner import FAR, predictions, refuted
 from identification.diagnose.law import Law, advantage, can_outdo, learn
-from identification.diagnose.search import Searcher, only_noise
+from identification.diagnose.search import Searcher
 from identification.diagnose.stand_in import standing_in
 from identification.fit import Progress
 
 #: How many effects may be added.
 _MOST_STEPS = 6
-#: From so many models on, the base among them, names must do better than a law.
+#: So many models, the base among them, are examined where it is asked whether a law does better than names.
 _OVERTAKEN = 3
 #: Share of the excess that an effect must explain to be named where more than noise is left in the end.
 _SHARE = 0.5
@@ -92,13 +92,13 @@ def _add(course: Course) -> None:
 
 
 def _overtaken(course: Course) -> bool:
-    """Whether a law on the base model leaves only noise, where several names together leave more: yet another would
-    only bend towards one unknown cause."""
-    last = course.examined[-1]
-    if len(course.examined) < _OVERTAKEN or not last.significant:
+    """Whether, near the noise, a law on the base model does better than several names that leave more than noise: yet
+    another would only bend towards one unknown cause."""
+    base, last = course.examined[0].fitted, course.examined[-1]
+    if len(course.examined) != _OVERTAKEN or not last.significant or base.training_gap() > FAR:
         return False
-    law = learn(course.examined[0].fitted, course.searcher, course.tell, last.fitted)
-    return law is not None and only_noise(law.fitted) and advantage(law, last.fitted) >= CLOSE
+    law = learn(base, course.searcher, course.tell, last.fitted)
+    return law is not None and advantage(law, last.fitted) >= CLOSE
 
 
 def _withdraw(course: Course) -> list[str]:
