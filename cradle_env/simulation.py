@@ -24,7 +24,8 @@ _MOST_SAMPLES = 1e7
 EXHAUSTED = {
     events.STALLED: "more impacts at one instant than can be resolved",
     events.NOT_FINITE: "the motion left the range of numbers",
-    events.NO_REST: "no common rest was found of bobs that press so hard on each other; take fewer, or delta nearer 0",
+    events.NO_REST: "no common rest was found of bobs that press so hard on each other, or hang in a force as steep; "
+    "take fewer, or delta nearer 0",
 }
 
 

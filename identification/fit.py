@@ -143,7 +143,7 @@ def climb_ladder(likelihood: Likelihood, point: np.ndarray, least: float) -> tup
     while True:
         rungs = best_rungs(likelihood, point, _LADDER, 3)
         best, best_cost = min(refined_from(likelihood, rungs, 8), key=lambda pair: pair[1])
-        if best_cost >= least - 1e-3 * abs(least):
+        if not best_cost < least - 1e-3 * abs(least):  # nor where nothing can be simulated
             return (best, best_cost) if best_cost < least else (point, least)
         point, least = best, best_cost
 

@@ -18,6 +18,7 @@ from cradle_env.simulation import SimulationError
 from identification import Experiment, diagnose
 from identification.diagnose import law as law_module
 from identification.diagnose.candidates import candidates
+from identification.diagnose.course import Course
 from identification.diagnose.cut import can_be_cut, windowed
 from identification.diagnose.decide import CLOSE
 from identification.diagnose.fitted import Fitted, with_known_noise
@@ -30,8 +31,8 @@ from identification.diagnose.pictures import law_figure
 from identification.diagnose.repair import _overtaken
 from identification.diagnose.report import save
 from identification.diagnose.search import Searcher, Store, only_noise, placed
-from identification.diagnose.terms import FREQUENCY, Linear, Term, extended, library
-from identification.fit import jacobian
+from identification.diagnose.terms import FREQUENCY, Linear, Term, choice_beside, extended, library
+from identification.fit import climb_ladder, jacobian
 from identification.likelihood import Likelihood
 from identification.runs import Prior
 from tests.independent.laboratory import record, write_experiment
@@ -135,7 +136,7 @@ def test_terms_that_the_rest_does_without_go(monkeypatch, left, gap, kept):
     by_terms = {terms[key]: chi2 for key, chi2 in left.items()}
     monkeypatch.setattr(law_module, "_free", lambda *arguments: fit(arguments[4], by_terms[arguments[4]]))
     full = Law(fit((), 5000.0), fit(terms["cps"], left["cps"]), terms["cps"], {}, 2.0, 1.0)  # type: ignore[arg-type]
-    found = law_module._without_the_needless(full, None, None)  # type: ignore[arg-type]
+    found = law_module._shortened(full, SimpleNamespace(workers=1), None, 2.0)  # type: ignore[arg-type]
     assert found.terms == terms[kept]
 
 
@@ -517,10 +518,10 @@ def test_words_for_a_curve_have_minus_signs():
 )
 def test_names_that_a_law_overtakes_get_no_further_ones(monkeypatch, models, gap, over, overtaken):
     """By its advantage over two names that leave more than noise; far above the noise, no law of few terms is all."""
-    monkeypatch.setattr("identification.diagnose.repair.learn", lambda *_: None if over is None else "law")
     monkeypatch.setattr("identification.diagnose.repair.advantage", lambda *_: over)
     examined = SimpleNamespace(fitted=SimpleNamespace(training_gap=lambda: gap), significant=True)
-    course = SimpleNamespace(examined=[examined] * models, searcher=None, tell=None)
+    law_beside = lambda *_: None if over is None else "law"  # noqa: E731
+    course = SimpleNamespace(examined=[examined] * models, law_beside=law_beside)
     assert _overtaken(course) == overtaken  # type: ignore[arg-type]
 
 
@@ -535,3 +536,45 @@ def test_a_law_is_fitted_from_the_stated_stiffness_too_where_what_lacks_took_it_
 def test_a_law_of_rigid_strings_has_no_stiffness_to_begin_with():
     likelihood = SimpleNamespace(start=lambda: None, values=lambda _: {"b": 0.002})
     assert _origins(SimpleNamespace(likelihood=likelihood, values={"b": 0.003})) == [{}]  # type: ignore[arg-type]
+
+
+def test_a_law_is_learned_once_beside_each_rival(monkeypatch):
+    asked = []
+    monkeypatch.setattr("identification.diagnose.course.learn", lambda fitted, *_: asked.append(fitted))
+    course = Course(None, 0, (), QUIET)  # type: ignore[arg-type]
+    for fitted, rival in (("a", "b"), ("a", "b"), ("a", "c"), ("d", "c")):
+        assert course.law_beside(fitted, rival) is None  # type: ignore[arg-type]
+    assert asked == ["a", "a", "d"]
+
+
+def test_near_the_noise_a_law_pays_for_the_choice_of_its_terms():
+    """Each of n terms is as probable as any: 1 of 30 costs ln 30 more evidence; far above the noise, nothing."""
+    cradle = Cradle(bobs=1)
+    near, far = (SimpleNamespace(cradle=cradle, residuals=np.full(9, size), count=9) for size in (1.0, 30.0))
+    terms = len(library(cradle))
+    assert choice_beside(near, 1) == pytest.approx(math.log(terms))  # type: ignore[arg-type]
+    assert choice_beside(near, 2) == pytest.approx(math.log(terms * (terms - 1) / 2))  # type: ignore[arg-type]
+    assert choice_beside(far, 2) == 0.0  # type: ignore[arg-type]
+
+    def law(before) -> Law:
+        fit = SimpleNamespace(chi2=50.0, point=np.zeros(1), coloured=(1.0, math.e), cradle=cradle)
+        return Law(before, fit, (library(cradle)[0],), {}, 2.0, 1.0)  # type: ignore[arg-type]
+
+    for one in (near, far):
+        one.chi2, one.point = 100.0, np.zeros(0)
+    assert law(far).log_evidence - law(near).log_evidence == pytest.approx(math.log(terms))
+    linear = SimpleNamespace(fitted=near, saved=lambda subset: 20.0 * len(subset), term=lambda _: library(cradle)[0])
+    assert Linear.log_evidence(linear, (1,), 1.0, math.e) == pytest.approx(9.5 - math.log(terms))  # type: ignore[arg-type]
+
+
+def test_along_strings_that_do_not_stretch_nothing_is_learned():
+    keys = [{term.key for term in library(Cradle(bobs=2, model=model))} for model in ("nsp", "pendulum")]
+    assert keys[0] - keys[1] == {"radial", *(f"tug_{i}" for i in range(1, 8))}
+
+
+def test_a_law_that_cannot_be_simulated_ends_its_fit(monkeypatch):
+    """Where no neighbour in κ can be either, the ladder once went round for ever."""
+    monkeypatch.setattr("identification.fit.best_rungs", lambda *_: [np.zeros(1)] * 3)
+    monkeypatch.setattr("identification.fit.refined_from", lambda *_: iter([(np.zeros(1), math.inf)] * 3))
+    point, least = climb_ladder(None, np.ones(1), math.inf)  # type: ignore[arg-type]
+    assert (point == 1.0).all() and least == math.inf

@@ -75,8 +75,9 @@ class Effect:
     """One physical effect over the simplest cradle: linear pendulums, rigid strings, constant restitution, drag b.
 
     apply(cradle, bobs, values) writes the effect into the records that the kernels read; force(t, r, theta, v_r,
-    v_theta, parameters) -> (F_r, F_theta) [N] is that of an effect from outside the package, compiled on first
-    use; between: whether it is nothing without a neighbour; gaps(values) is what the effect adds to δ of each gap.
+    v_theta, parameters) -> (F_r, F_theta) [N] is that of an effect from outside the package, compiled on first use;
+    bobs at rest hang where it, asked for at t < 0, lets them; between: whether it is nothing without a neighbour;
+    gaps(values) is what the effect adds to δ of each gap.
     Measurement effects: `instants(values)` gives the offsets [s] and weights over which a reading averages,
     `clock(values)` the rate of the file's clock over the true one, `reading(values, theta)` what the file shows for a
     true theta [rad].

@@ -49,13 +49,14 @@ TERMS = {
     "cosine": ("cos ωt", "a horizontal force that swings by itself, as it is at the start"),
     "sine": ("sin ωt", "a horizontal force that swings by itself, a quarter of its period later"),
 }
-#: Of these, those that depend on time alone.
+#: Of these, those that depend on time alone, and those that act along the string.
 IN_TIME = ("cosine", "sine")
+ALONG_STRINGS = ("radial", *(key for key in TERMS if key.startswith("tug")))
 
 
 def force(t, r, theta, v_r, v_theta, parameters):
     """(F_r, F_theta) [N]; parameters: angle [rad], speed [m/s], frequency [Hz], then the coefficient [N] of each of
-    `TERMS`."""
+    `TERMS`. Before the run, at t < 0, all is still."""
     p = parameters
     x, u = theta / p[0], v_theta / p[1]
     x2, size = x * x, abs(u)
@@ -73,7 +74,7 @@ def force(t, r, theta, v_r, v_theta, parameters):
             hump = math.exp(-(((x - CENTRES[i]) / WIDTH) ** 2))
             total += p[17 + i] * hump
             along -= p[24 + i] * hump
-    if p[31] != 0.0 or p[32] != 0.0:
+    if t >= 0.0 and (p[31] != 0.0 or p[32] != 0.0):
         phase = 2.0 * math.pi * p[2] * t
         horizontal = p[31] * math.cos(phase) + p[32] * math.sin(phase)
         along += horizontal * math.sin(theta)
@@ -82,8 +83,8 @@ def force(t, r, theta, v_r, v_theta, parameters):
 
 
 def _bounds(key: str) -> tuple[float, float]:
-    """[N]. Pulls along the string that come near a weight are no small departure: strings then go slack."""
-    return (-0.5, 0.5) if key.startswith("tug") else (-100.0, 100.0)
+    """[N]. Pulls along the string as large as the weight of usual bobs are no small departure: strings go slack."""
+    return (-0.5, 0.5) if key in ALONG_STRINGS and key != "radial" else (-100.0, 100.0)
 
 
 def has_dry_friction(values: Values) -> bool:

@@ -29,8 +29,9 @@ from cradle_env.mechanics.strings import stretch, take_branch, work_between
 _FIRST = np.int64(0)
 # Contact forces at rest are found so often anew, and count as found where no gap is left beyond this [m].
 _ROUNDS, _AT_REST = 200, 1e-9
-# A bob hangs where a force from outside, which depends on where it is, moves it by no more than this [m or rad].
-_STILL = 1e-15
+# A bob hangs where a force from outside, which depends on where it is, moves it by no more than this [m or rad]; and
+# the time at which it is asked for there [s]: before the run, where what shakes is still.
+_STILL, _BEFORE = 1e-14, -1.0
 # So often a release angle is raised; what is left falls at least by 1 - cos(angle) each time.
 _RAISES = 100
 # Radii by which neighbours may be said to overlap, as angles that are measured do, and are spread.
@@ -61,15 +62,18 @@ def put(cradle, bob, S, i, theta, r):
 
 
 @jit
-def at_its_place(cradle, bob, S, i):
-    """(x, z) [N] of the force from outside on bob i, at rest where it is put."""
-    if cradle.user_force == 0:
-        return 0.0, 0.0
-    r, theta = bob.length, S[i, START]
-    if cradle.elastic:
-        x, z = S[i, START] - bob.pivot, S[i, START + 1]
-        r, theta = math.sqrt(x * x + z * z), math.atan2(x, -z)
-    f_r, f_t = user_force(cradle, bob, S[i, T0], r, theta, 0.0, 0.0)
+def place_of(cradle, bob, S, i):
+    """(theta [rad], r [m]) of bob i where it is put."""
+    if not cradle.elastic:
+        return S[i, START], bob.length
+    x, z = S[i, START] - bob.pivot, S[i, START + 1]
+    return math.atan2(x, -z), math.sqrt(x * x + z * z)
+
+
+@jit
+def from_outside(cradle, bob, theta, r):
+    """(x, z) [N] of the force from outside on a bob at rest."""
+    f_r, f_t = user_force(cradle, bob, _BEFORE, r, theta, 0.0, 0.0)
     if not cradle.large_angle:
         return f_t, -f_r
     sin, cos = math.sin(theta), math.cos(theta)
@@ -78,30 +82,37 @@ def at_its_place(cradle, bob, S, i):
 
 @jit
 def hang(cradle, bob, S, i, fx, fz):
-    """Equilibrium of bob i under a contact force (fx, fz) [N] and the force from outside where it is: the strings
-    point along the load. Returns how far that moves it [m, on rigid strings rad]."""
-    weight = bob.mass * cradle.gravity
-    x, z = S[i, START], S[i, START + 1]
-    more_x, more_z = at_its_place(cradle, bob, S, i)
-    fx += more_x
-    fz += more_z
+    """Puts bob i into its equilibrium under a contact force (fx, fz) [N], its strings along the load; where a force
+    from outside depends on its place, half the way there, which ends in any stable one. Returns how far that moves
+    it [rad and m, the larger], 0 without such a force."""
+    weight, forced = bob.mass * cradle.gravity, cradle.user_force != 0
+    theta0, r0 = place_of(cradle, bob, S, i)
+    if forced:
+        more_x, more_z = from_outside(cradle, bob, theta0, r0)
+        fx += more_x
+        fz += more_z
+    theta, r = fx / weight, bob.length
     if cradle.large_angle:
-        load = math.sqrt(fx * fx + (fz - weight) ** 2)
-        put(cradle, bob, S, i, math.atan2(fx, weight - fz), hanging_radius(cradle, bob, load))
-    else:
-        put(cradle, bob, S, i, fx / weight, bob.length)
-    return max(abs(S[i, START] - x), abs(S[i, START + 1] - z))
+        theta = math.atan2(fx, weight - fz)
+        r = hanging_radius(cradle, bob, math.sqrt(fx * fx + (fz - weight) ** 2))
+    if not forced:
+        put(cradle, bob, S, i, theta, r)
+        return 0.0
+    put(cradle, bob, S, i, 0.5 * (theta0 + theta), 0.5 * (r0 + r))
+    return max(abs(theta - theta0), abs(r - r0))
 
 
 @entry
 def at_rest(cradle, bobs, angles, hanging, S, W):
     """Fills S, at T0, with bobs at rest: lifted to angles (N,) [rad], the others (nan) in their common equilibrium.
 
-    A lifted bob starts at r0, its strings unstretched, or, with `hanging`, at its hanging length. Lifted neighbours
-    that would overlap a little are spread until they touch. Returns the largest remaining overlap [m]; inf where no
-    equilibrium was found that keeps the bobs in their order, as in long rows under high pressure.
+    A lifted bob starts at r0, its strings unstretched, or, with `hanging`, at the length at which its weight alone
+    hangs. Forces from outside on single bobs belong to the equilibrium, as they are before the run; those between
+    bobs and the yielding of a frame do not. Lifted neighbours that would overlap a little are spread until they touch.
+    Returns the largest remaining overlap [m]; inf where no equilibrium was found that keeps the bobs in their order, as
+    in long rows under high pressure.
     """
-    n = len(bobs)
+    n, moved = len(bobs), 0.0
     for i in range(n):
         S[i, LINK], S[i, MEETING], W[i, FORCE] = OPEN, math.inf, 0.0
     for i in range(n):
@@ -109,14 +120,16 @@ def at_rest(cradle, bobs, angles, hanging, S, W):
         if math.isnan(angles[i]):
             put(cradle, bobs[i], S, i, 0.0, r)
             for _ in range(_ROUNDS):
-                if hang(cradle, bobs[i], S, i, 0.0, 0.0) < _STILL:
+                W[i, WANTED] = hang(cradle, bobs[i], S, i, 0.0, 0.0)
+                if W[i, WANTED] < _STILL:
                     break
+            moved = max(moved, W[i, WANTED])
         else:
             put(cradle, bobs[i], S, i, angles[i], r if hanging else bobs[i].length)
 
     # Contact forces between bobs that hang: a bob yields to a horizontal force as 1 / (m g / r), which is r / g
     # times its mobility; the true compliance differs by the square of the lean, so this converges linearly.
-    worst, moved = 0.0, 0.0
+    worst = 0.0
     for _ in range(_ROUNDS):
         worst = 0.0
         for p in range(n - 1):
@@ -141,15 +154,14 @@ def at_rest(cradle, bobs, angles, hanging, S, W):
                 after = W[i, FORCE]
             if math.isnan(angles[i]):
                 shift = hang(cradle, bobs[i], S, i, before * nx0 - after * nx, before * nz0 - after * nz)
-                if cradle.user_force != 0:
-                    moved = max(moved, shift)
+                moved = max(moved, shift)
             nx0, nz0, before = nx, nz, after
     for p in range(n - 1):
         if W[p, FORCE] > 0.0:
             S[p, LINK] = PRESSED
             if pair(cradle, bobs, p, S[p, T0], S, START)[1] < 0.0:
                 worst = math.inf
-    if not worst < _AT_REST:
+    if not max(worst, moved) < _AT_REST:
         return math.inf
 
     for i in range(n):

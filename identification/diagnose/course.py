@@ -24,6 +24,7 @@ from identification.diagnose.decide import (
     worth_refitting,
 )
 from identification.diagnose.fitted import Fitted
+from identification.diagnose.law import Law, learn
 from identification.diagnose.locate import Located, locate, share
 from identification.diagnose.score import Scored, score
 from identification.diagnose.search import Searcher, only_noise
@@ -72,7 +73,7 @@ class Step:
 class Course:
     """examined: the models, the base first; decisions: one for each model but the last, and that of the last where
     nothing could be chosen; steps: the effects taken; replaced: names of those that gave way to others; seen: the
-    effects, with what they leave unknown, of each model examined."""
+    effects, with what they leave unknown, of each model examined; laws: those learned of a model beside a rival."""
 
     searcher: Searcher
     seed: int
@@ -83,6 +84,13 @@ class Course:
     steps: list[Step] = field(default_factory=list)
     replaced: list[str] = field(default_factory=list)
     seen: set[frozenset[str]] = field(default_factory=set)
+    laws: dict[tuple[Fitted, Fitted], Law | None] = field(default_factory=dict)
+
+    def law_beside(self, fitted: Fitted, rival: Fitted) -> Law | None:
+        """The law that a model lacks, unless it begins far worse than a rival; learned once."""
+        if (fitted, rival) not in self.laws:
+            self.laws[fitted, rival] = learn(fitted, self.searcher, self.tell, rival)
+        return self.laws[fitted, rival]
 
     def examine(self, fitted: Fitted) -> Examined:
         """A model under scrutiny, as all others of this course are."""

@@ -9,7 +9,6 @@ it leaves over the noise shows further terms. What is held out is never looked a
 
 from __future__ import annotations
 
-import dataclasses
 import functools
 import itertools
 import math
@@ -58,12 +57,21 @@ class Law:
     inner_before: float
     inner_after: float
 
-    @functools.cached_property
+    @property
     def log_evidence(self) -> float:
-        """Over the model without it, less what it costs that the terms were chosen."""
+        """Over the model without it."""
+        return self.evidence(*self.fitted.coloured)
+
+    def evidence(self, inflation: float, effective: float) -> float:
+        """The same, of data whose residuals are so coloured, less what it costs that the terms were chosen."""
         more = len(self.fitted.point) - len(self.before.point)
-        gained = log_evidence(self.before.chi2 - self.fitted.chi2, more, *self.fitted.coloured)
+        gained = log_evidence(self.before.chi2 - self.fitted.chi2, more, inflation, effective)
         return gained - choice_beside(self.before, len(self.terms))
+
+    def is_better_than(self, other: Law) -> bool:
+        """Whether it has more evidence, both judged by the residuals that the nearer to the data leaves."""
+        coloured = min((self, other), key=lambda law: law.fitted.chi2).fitted.coloured
+        return self.evidence(*coloured) > other.evidence(*coloured)
 
 
 @dataclass(frozen=True, eq=False)
@@ -161,18 +169,19 @@ def _drafted(
 ) -> _Draft | None:  # fmt: skip
     """The law with further terms; None where that predicts no better, or with a gap of `most` or above."""
     new, values = tuple(map(linear.term, subset)), linear.values(subset)
-    return _draft(law, searcher, part, _Draft((*law.terms, *new), new, values, scales, min(law.inner_after, most)))
+    return _draft(law, searcher, part, scales, (*law.terms, *new), new, values, min(law.inner_after, most))
 
 
-def _draft(law: Law, searcher: Searcher, part: Experiment, wanted: _Draft) -> _Draft | None:
-    """A draft with the gap that its inner prediction has; None where that is not below the gap wanted."""
+def _draft(
+    law: Law, searcher: Searcher, part: Experiment, scales: Scales, terms: tuple[Term, ...], new: tuple[Term, ...],
+    values: dict[str, float], below: float,
+) -> _Draft | None:  # fmt: skip
+    """A law with these terms instead, fitted to the first two thirds; None where its gap is not below that asked."""
     try:
-        gap = _free(
-            law.before, searcher, part, wanted.scales, wanted.terms, wanted.values, wanted.new
-        ).held_out_gap()  # fmt: skip
+        gap = _free(law.before, searcher, part, scales, terms, values, new).held_out_gap()
     except (SimulationError, ValueError):  # a law under which the cradle cannot swing
         return None
-    return dataclasses.replace(wanted, gap=gap) if gap < wanted.gap else None
+    return _Draft(terms, new, values, scales, gap) if gap < below else None
 
 
 def _completed(law: Law, searcher: Searcher, part: Experiment, several: Sequence[Iterator[_Draft]]) -> Law | None:
@@ -191,23 +200,26 @@ def _completed(law: Law, searcher: Searcher, part: Experiment, several: Sequence
         least = min(draft.gap for draft, _ in left)
         equal = [one for one in left if one[0].gap <= by_noise * least]
         if found := _better(law, searcher, [draft for draft, _ in equal]):
-            return _without_the_needless(max(found, key=lambda one: one.log_evidence), searcher, part)
+            coloured = min(found, key=lambda one: one.fitted.chi2).fitted.coloured
+            best = max(found, key=lambda one: one.evidence(*coloured))
+            return _shortened(best, searcher, part, by_noise * best.inner_after)
         left = [one for one in left if one not in equal]
         left += [(draft, choice) for _, choice in equal for draft in itertools.islice(choice, 1)]
     return None
 
 
-def _without_the_needless(law: Law, searcher: Searcher, part: Experiment) -> Law:
-    """The law without terms that the rest, refitted, do without: the linear model by which they were chosen holds only
-    near where the model without them had its mode. Far above the noise, where evidence says little, all stay."""
+def _shortened(law: Law, searcher: Searcher, part: Experiment, below: float) -> Law:
+    """The law without the least certain terms, as long as it then has more evidence, and an inner gap below that asked:
+    the linear model by which terms were chosen holds only near where the model without them had its mode. Far above
+    the noise, where evidence says little, all stay."""
     while len(law.terms) > 1 and law.before.training_gap() <= FAR:
         values, sd = law.fitted.values, np.sqrt(np.diag(law.fitted.smooth))
         sizes = {name: abs(values[name]) / own for name, own in zip(law.fitted.likelihood.names, sd, strict=True)}
         least = min(law.terms, key=lambda term: sizes[term.name])
         terms = tuple(term for term in law.terms if term != least)
-        draft = _draft(law, searcher, part, _Draft(terms, (), values, law.scales, law.inner_before))
+        draft = _draft(law, searcher, part, law.scales, terms, (), values, below)
         fewer = None if draft is None else _whole(law, searcher, draft)
-        if fewer is None or fewer.log_evidence <= law.log_evidence:
+        if fewer is None or not fewer.is_better_than(law):
             break
         law = fewer
     return law
@@ -216,7 +228,7 @@ def _without_the_needless(law: Law, searcher: Searcher, part: Experiment) -> Law
 def _better(law: Law, searcher: Searcher, drafts: Sequence[_Draft]) -> list[Law]:
     """Those of the drafts, fitted to the whole, with more evidence than the law so far."""
     whole = in_threads(lambda draft: _whole(law, searcher, draft), drafts, searcher.workers)
-    return [one for one in whole if one is not None and one.log_evidence > law.log_evidence]
+    return [one for one in whole if one is not None and one.is_better_than(law)]
 
 
 def _whole(law: Law, searcher: Searcher, draft: _Draft) -> Law | None:
@@ -255,7 +267,8 @@ def _free(
     values: dict[str, float], new: tuple[Term, ...] = (),
 ) -> Fitted:  # fmt: skip
     """The fit as one free run, near the values found in windows, those of new terms or less of them: a free run alone
-    would bend terms to its drift."""
+    would bend terms to its drift; to the whole, also from other κ about there. Raises SimulationError where none of
+    these can be simulated."""
     likelihood = searcher.likelihood(extended(experiment, scales, terms))
     begun = sorted(values.items()), [term.name for term in new]
     what = experiment.digest, scales, [term.name for term in terms], fitted.point.tolist(), *begun
@@ -273,9 +286,11 @@ def _free(
             costs = in_threads(lambda z: cost(likelihood, z), starts, likelihood.workers)
             reached.append(refine(likelihood, starts[int(np.argmin(costs))], _EVALUATIONS))
         point, least = min(reached, key=lambda pair: pair[1])
+        if not math.isfinite(least):
+            raise SimulationError("the law cannot be simulated where its fit begins")
         whole = experiment is fitted.experiment
         if whole and "kappa" in likelihood.names:  # where a law may begin, the model without it made up for it by κ
-            point, _ = climb_ladder(likelihood, point, least)
+            point = refine(likelihood, climb_ladder(likelihood, point, least)[0], _EVALUATIONS)[0]
         return polish(likelihood, point, ROUNDS if whole else _INNER_ROUNDS, thorough=True) if meet else point
 
     return Fitted(likelihood, searcher.store.point(key, find))

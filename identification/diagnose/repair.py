@@ -84,8 +84,8 @@ def repair(
 
 
 def _add(course: Course) -> None:
-    """Adds effects as long as more than noise is left and one helps, or noise alone only seems to be left; and until
-    a law would do better than they."""
+    """Adds effects as long as more than noise is left and one helps, or noise alone only seems to be left; but no
+    third where a law does better than two."""
     more = True
     while more and len(course.steps) < _MOST_STEPS and not _overtaken(course):
         more = course.go_on() if course.examined[-1].significant else course.look_elsewhere()
@@ -97,7 +97,7 @@ def _overtaken(course: Course) -> bool:
     base, last = course.examined[0].fitted, course.examined[-1]
     if len(course.examined) != _OVERTAKEN or not last.significant or base.training_gap() > FAR:
         return False
-    law = learn(base, course.searcher, course.tell, last.fitted)
+    law = course.law_beside(base, last.fitted)
     return law is not None and advantage(law, last.fitted) >= CLOSE
 
 
@@ -143,7 +143,7 @@ def _outdoing(course: Course) -> Law | None:
         m.fitted for m in before
         if m.significant and (last.p <= SETTLED or can_outdo(m.fitted, last.fitted))
     ]  # fmt: skip
-    found = (learn(model, course.searcher, course.tell, last.fitted) for model in models)
+    found = (course.law_beside(model, last.fitted) for model in models)
     laws = [law for law in found if law is not None]
     over = [advantage(law, last.fitted) for law in laws]
     if not over or max(over) < CLOSE:

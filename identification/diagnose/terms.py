@@ -16,7 +16,8 @@ import numpy as np
 
 from cradle_env.cradle import Cradle
 from cradle_env.effects import LEARNED, effect
-from cradle_env.effects.learned_force import IN_TIME, learned_force
+from cradle_env.effects.learned_force import ALONG_STRINGS, IN_TIME, learned_force
+from cradle_env.effects.radial_elasticity import radial_elasticity
 from cradle_env.simulation import SimulationError, in_threads
 from identification.diagnose.candidates import filled, is_strength, with_effects
 from identification.diagnose.decide import log_evidence
@@ -63,12 +64,14 @@ class Term:
 
 
 def library(cradle: Cradle) -> tuple[Term, ...]:
-    """All terms that a cradle can have, those on all bobs alike first."""
+    """All terms that a cradle can have, those on all bobs alike first; along strings only of those that stretch."""
     found = []
     for declared in LEARNED:
         for p in filter(is_strength, declared.parameters):
             several = p.count(cradle.bobs)
             if (declared.acts_on == "contact" or p.each == "gap") and cradle.bobs == 1:
+                continue
+            if p.key in ALONG_STRINGS and not cradle.has(radial_elasticity.name):
                 continue
             found += [Term(declared.name, p.key, i, not p.each) for i in range(1 if several == 1 else several + 1)]
     return tuple(sorted(found, key=lambda term: term.which > 0))
@@ -80,7 +83,7 @@ def choice(cradle: Cradle, terms: int) -> float:
 
 
 def choice_beside(fitted: Fitted, terms: int) -> float:
-    """The same beside a model without the law; 0 where that is far above the noise: evidence counts in what a model
+    """The same beside a model that lacks them; 0 where that is far above the noise: evidence counts in what a model
     leaves there, and no few terms are all that is missing."""
     far = rms(fitted.residuals[: fitted.count]) > FAR
     return 0.0 if far else choice(fitted.cradle, terms)
