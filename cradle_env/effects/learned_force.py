@@ -49,9 +49,10 @@ TERMS = {
     "cosine": ("cos ωt", "a horizontal force that swings by itself, as it is at the start"),
     "sine": ("sin ωt", "a horizontal force that swings by itself, a quarter of its period later"),
 }
-#: Of these, those that depend on time alone, and those that act along the string.
+#: Of these, those that depend on time alone, those that pull along the string, and all that act along it.
 IN_TIME = ("cosine", "sine")
-ALONG_STRINGS = ("radial", *(key for key in TERMS if key.startswith("tug")))
+_TUGS = tuple(key for key in TERMS if key.startswith("tug"))
+ALONG_STRINGS = ("radial", *_TUGS)
 
 
 def force(t, r, theta, v_r, v_theta, parameters):
@@ -84,7 +85,7 @@ def force(t, r, theta, v_r, v_theta, parameters):
 
 def _bounds(key: str) -> tuple[float, float]:
     """[N]. Pulls along the string as large as the weight of usual bobs are no small departure: strings go slack."""
-    return (-0.5, 0.5) if key in ALONG_STRINGS and key != "radial" else (-100.0, 100.0)
+    return (-0.5, 0.5) if key in _TUGS else (-100.0, 100.0)
 
 
 def has_dry_friction(values: Values) -> bool:

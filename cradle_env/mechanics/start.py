@@ -119,11 +119,12 @@ def at_rest(cradle, bobs, angles, hanging, S, W):
         r = hanging_radius(cradle, bobs[i], bobs[i].mass * cradle.gravity)
         if math.isnan(angles[i]):
             put(cradle, bobs[i], S, i, 0.0, r)
+            shift = 0.0
             for _ in range(_ROUNDS):
-                W[i, WANTED] = hang(cradle, bobs[i], S, i, 0.0, 0.0)
-                if W[i, WANTED] < _STILL:
+                shift = hang(cradle, bobs[i], S, i, 0.0, 0.0)
+                if shift < _STILL:
                     break
-            moved = max(moved, W[i, WANTED])
+            moved = max(moved, shift)
         else:
             put(cradle, bobs[i], S, i, angles[i], r if hanging else bobs[i].length)
 
