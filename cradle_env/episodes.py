@@ -11,11 +11,18 @@ import numba
 import numpy as np
 
 from cradle_env.cradle import Cradle
+from cradle_env.errors import check_range
 from cradle_env.mechanics import control, events, restitution
 from cradle_env.mechanics import parameters as p
 from cradle_env.records import records
 from cradle_env.settings import Settings
-from cradle_env.simulation import EXHAUSTED, SimulationError, check_rest, impact_rows
+from cradle_env.simulation import (
+    EXHAUSTED,
+    SimulationError,
+    check_cost,
+    check_rest,
+    impact_rows,
+)
 from cradle_env.spaces import largest
 from cradle_env.synchronization import ENVELOPE_PERIODS, FLOOR, WINDOW
 
@@ -29,6 +36,10 @@ _SAMPLE_RATE = 120.0
 # Impacts of one bob that are kept, at most so often [1/s]; of any interval at least, and at most, so many. More are
 # counted all the same.
 _IMPACT_RATE, _LEAST_IMPACTS, _MOST_IMPACTS = 960.0, 16, 2000
+# Steps of single bobs in one control interval at most, which Ctrl-C cannot interrupt: impacts may need as many again.
+_MOST_STEPS = 1e5
+# Samples of sigma's window at most.
+_MOST_WINDOW = 1e6
 _REWARDS = {"synchronize": p.SYNCHRONIZE, "sustain": p.SUSTAIN}
 
 
@@ -178,14 +189,23 @@ def _records(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Records of a cradle and of its episode: (1,) of CRADLE, (N,) of BOB and (1,) of EPISODE; most: see `largest`."""
     c, bobs = records(cradle, _STEP_FACTOR)
+    check_cost(
+        cradle,
+        settings.control_interval,
+        settings.control_interval / c["step"][0] * cradle.bobs,
+        _MOST_STEPS,
+        "give a shorter control_interval",
+    )
     steps = math.ceil(settings.control_interval / c["step"][0] - 1e-9)
     c["step"] = settings.control_interval / steps
     samples = math.ceil(settings.control_interval * _SAMPLE_RATE - 1e-9)
+    window = 0.5 * ENVELOPE_PERIODS * cradle.period * samples / settings.control_interval
+    check_range("half the window of sigma", window, "samples", high=_MOST_WINDOW, remedy="take a shorter cradle")
     episode = np.zeros(1, p.EPISODE)
     values: dict[str, Any] = {
         "interval": steps,
         "samples": samples,
-        "half_window": round(0.5 * ENVELOPE_PERIODS * cradle.period * samples / settings.control_interval),
+        "half_window": round(window),
         "lead": cradle.bobs - 1,
         "lifted": settings.released_bobs,
         "hanging": settings.start == "hanging",

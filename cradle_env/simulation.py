@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import os
+import threading
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 
@@ -18,19 +19,26 @@ from cradle_env.trajectory import IMPACT, Trajectory
 
 # What may multiply the steps.
 _FACTORS = (1e-3, 4.0)
-#: Samples of one run at most: with five bobs 1.6 GB, and as much again and more for the ledger.
-_MOST_SAMPLES = 1e7
+#: Samples of one run at most, and of single bobs in it: 1.6 GB, and as much again and more for the ledger.
+_MOST_SAMPLES, _MOST_BOB_SAMPLES = 1e7, 5e7
+#: Steps of single bobs in one run at most, and how long one takes, about [s]: together a quarter of an hour.
+MOST_STEPS, STEP_SECONDS = 1e9, 1e-6
 #: What a status other than DONE means.
 EXHAUSTED = {
     events.STALLED: "more impacts at one instant than can be resolved",
     events.NOT_FINITE: "the motion left the range of numbers",
     events.NO_REST: "no common rest was found of bobs that press so hard on each other, or hang in a force as steep; "
     "take fewer, or delta nearer 0",
+    events.PAUSED: "it takes more steps than are allowed; shorten it, or take a cradle that moves more slowly",
 }
 
 
 class SimulationError(RuntimeError):
     """A run could not be carried to its end."""
+
+
+class InterruptedRun(BaseException):
+    """Another thread has asked the runs of this thread to stop; not an error that a caller could mend."""
 
 
 def simulate(
@@ -42,6 +50,7 @@ def simulate(
     times: np.ndarray | None = None,
     ledger: bool = True,
     step_factor: float = 1.0,
+    progress: Callable[[float], None] | None = None,
 ) -> Trajectory:
     """One run of a cradle.
 
@@ -49,11 +58,12 @@ def simulate(
     What comes back is the true motion: effects that act on a measurement are in readings of it alone.
     ledger: keep the energy ledger. step_factor, 0.001 to 4, multiplies the integration step in flight (order 8: errors
     grow by its 8th power), and those in contacts which are followed in time (1e-6 to 1e-5 rad at any step, by the first
-    touch) and between bobs that act on each other at a distance. Raises ValueError for impossible input,
+    touch) and between bobs that act on each other at a distance. progress: called every half second or so with the part
+    of the run that is done. Raises ValueError for impossible input and for a run of more than 1e9 steps of a bob,
     SimulationError if the run cannot be carried to its end.
     """
     wanted = sample_times(duration, sample_rate) if times is None else _checked_times(times)
-    return _run(cradle, release, wanted, ledger, check_range("step_factor", step_factor, "", *_FACTORS))
+    return _run(cradle, release, wanted, ledger, check_range("step_factor", step_factor, "", *_FACTORS), progress)
 
 
 def simulate_batch(
@@ -102,8 +112,45 @@ def each_in_threads(function: Callable, items: Sequence, workers: int | None = N
     if workers == 1:
         yield from map(function, items)
     else:
-        with ThreadPoolExecutor(workers) as pool:
+        with Threads(workers) as pool:
             yield from pool.map(function, items)
+
+
+class _Stop:
+    """Whether the threads of a pool, and of the pools that they make, are to stop."""
+
+    def __init__(self, parent: _Stop | None) -> None:
+        self.asked, self.parent = False, parent
+
+    def __bool__(self) -> bool:
+        return self.asked or bool(self.parent)
+
+
+_thread = threading.local()
+
+
+class Threads(ThreadPoolExecutor):
+    """Threads (all cores where omitted) whose runs stop within a second when asked, or when the block ends by an
+    exception, as by Ctrl-C; `ThreadPoolExecutor` alone would wait for their end."""
+
+    def __init__(self, workers: int | None = None) -> None:
+        self._asked = stop = _Stop(getattr(_thread, "stop", None))
+        super().__init__(workers or cores(), initializer=lambda: setattr(_thread, "stop", stop))
+
+    def stop(self) -> None:
+        """Ends the runs under way by InterruptedRun."""
+        self._asked.asked = True
+
+    def __exit__(self, kind, error, traceback) -> None:
+        if kind is not None:
+            self.stop()
+        self.shutdown(cancel_futures=True)
+
+
+def check_stop() -> None:
+    """InterruptedRun where the runs of this thread are to stop."""
+    if getattr(_thread, "stop", None):
+        raise InterruptedRun
 
 
 def sample_times(duration: float, sample_rate: float) -> np.ndarray:
@@ -123,6 +170,32 @@ def _checked_times(times: np.ndarray) -> np.ndarray:
     if times[0] < 0.0 or np.any(np.diff(times) < 0.0):
         raise ValueError("times must be ascending, from 0 s on (the release)")
     return times
+
+
+def steps_needed(cradle: Cradle, duration: float, step_factor: float = 1.0) -> float:
+    """Steps of single bobs that a run of this duration [s] takes at least, without its impacts."""
+    return _steps(records(cradle, step_factor)[0], cradle, duration)
+
+
+def _steps(c: np.ndarray, cradle: Cradle, duration: float) -> float:
+    return float(duration / c["step"][0] * cradle.bobs)
+
+
+def check_cost(cradle: Cradle, duration: float, steps: float, most: float, remedy: str) -> None:
+    """ValueError where a run of this duration [s] takes more than `most` steps of single bobs."""
+    if steps > most:
+        raise ValueError(
+            f"{duration:.4g} s of this cradle takes {steps:.2g} steps of {duration * cradle.bobs / steps:.2g} s,"
+            f" about {shown_time(steps * STEP_SECONDS)}; it must be at most {most:.2g} steps; {remedy}"
+        )
+
+
+def shown_time(seconds: float) -> str:
+    """A duration in the unit in which it is read most easily."""
+    for size, unit in ((86400.0, "days"), (3600.0, "h"), (60.0, "min")):
+        if seconds >= 2.0 * size:
+            return f"{seconds / size:.2g} {unit}"
+    return f"{seconds:.2g} s"
 
 
 def prepare(cradle: Cradle, release: Release | InitialState, step_factor: float = 1.0):
@@ -166,20 +239,35 @@ def _initial_arrays(cradle: Cradle, state: InitialState) -> list[np.ndarray]:
 
 
 def _run(
-    cradle: Cradle, release: Release | InitialState, times: np.ndarray, ledger: bool, step_factor: float
+    cradle: Cradle,
+    release: Release | InitialState,
+    times: np.ndarray,
+    ledger: bool,
+    step_factor: float,
+    progress: Callable[[float], None] | None = None,
 ) -> Trajectory:
+    check_stop()
     c, bobs, S, W = prepare(cradle, release, step_factor)
-    n, table = cradle.bobs, restitution.universal_curves()
+    n, table, end, flown = cradle.bobs, restitution.universal_curves(), float(times[-1]), 0.0
+    check_cost(cradle, end, _steps(c, cradle, end), MOST_STEPS, "shorten it, or take a cradle that moves more slowly")
+    check_range("samples times bobs", len(times) * n, "", high=_MOST_BOB_SAMPLES, remedy="a run is held in memory")
     motion = np.empty((len(times), n, 4))
     energy = np.empty((len(times) if ledger else 0, n, 7))
     impacts, count = np.empty((max(256, 64 * n), 4)), 0
     while True:
-        status, count = events.run(c[0], bobs, table, S, W, times[-1], times, motion, energy, impacts, count)
-        if status != events.FULL:
+        status, count = events.run(c[0], bobs, table, S, W, end, times, motion, energy, impacts, count)
+        if status == events.FULL:
+            impacts = np.concatenate([impacts, np.empty_like(impacts)])
+        elif status == events.PAUSED and flown < MOST_STEPS:
+            check_stop()
+            flown += S[0, p.FLOWN]
+            S[0, p.FLOWN] = 0.0
+            if progress is not None:
+                progress(float(S[:, p.T0].min() / end))
+        else:
             break
-        impacts = np.concatenate([impacts, np.empty_like(impacts)])
     if status != events.DONE:
-        raise SimulationError(f"the run stopped at {S[:, p.T0].min():g} s of {times[-1]:g} s: {EXHAUSTED[status]}")
+        raise SimulationError(f"the run stopped at {S[:, p.T0].min():g} s of {end:g} s: {EXHAUSTED[status]}")
     rows = impact_rows(impacts[:count])
     theta, r, theta_dot, r_dot = np.moveaxis(motion, -1, 0)
     return Trajectory(cradle, release, times, theta, r, theta_dot, r_dot, rows, energy if ledger else None)

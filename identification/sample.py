@@ -68,6 +68,20 @@ class NearMode(emcee.moves.MHMove):
         return -0.5 * (self._FREEDOM + len(self.point)) * np.log1p(distance / self._FREEDOM)
 
 
+class Sampler(emcee.EnsembleSampler):
+    """emcee's sampler for a function of all walkers at once; Ctrl-C in it goes up without the traceback that emcee
+    prints of whatever its own wrapper catches."""
+
+    def __init__(self, likelihood: Likelihood, walkers: int, **settings: Any) -> None:
+        super().__init__(walkers, len(likelihood.unknowns), likelihood.log_densities, **settings)
+        self.likelihood = likelihood
+
+    def compute_log_prob(self, coords: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Log densities and λ of points (W, D), each (W,)."""
+        found = self.likelihood.log_densities(coords)
+        return found[:, 0], found[:, 1]
+
+
 class Checkpoint:
     """The chains on disk: chain.h5, in emcee's HDF format, one group per ensemble.
 
@@ -261,17 +275,11 @@ def _tell(progress, likelihood, checkpoint, goal, steps, done, new, seconds) -> 
 def _advance(likelihood: Likelihood, checkpoint: Checkpoint, done: int, count: int) -> None:
     """Takes `count` steps of every ensemble on a copy of the file, which then takes its place."""
     mode, part = checkpoint.mode(done), checkpoint.open_copy()
-    D, W = len(likelihood.unknowns), walkers_for(likelihood)
+    W = walkers_for(likelihood)
     for k in range(ENSEMBLES):
         backend = checkpoint.backend(k, part)
-        sampler = emcee.EnsembleSampler(
-            W,
-            D,
-            likelihood.log_densities,
-            moves=[(NearMode(mode), 0.6), (emcee.moves.DEMove(), 0.3), (emcee.moves.DESnookerMove(), 0.1)],
-            backend=backend,
-            vectorize=True,
-        )
+        moves = [(NearMode(mode), 0.6), (emcee.moves.DEMove(), 0.3), (emcee.moves.DESnookerMove(), 0.1)]
+        sampler = Sampler(likelihood, W, moves=moves, backend=backend)
         if done == 0:
             begin = _scattered(likelihood, mode, W, np.random.default_rng([checkpoint.seed, k]))
         else:

@@ -9,6 +9,7 @@ from cradle_env.mechanics.ledger import book, motion_at
 from cradle_env.mechanics.motion import between, pivot_between
 from cradle_env.mechanics.parameters import (
     COLUMNS,
+    FLOWN,
     SUSTAIN,
     SYNCHRONIZE,
     TENSION,
@@ -75,6 +76,7 @@ def _step(cradle, bobs, table, S, W, angles, episode, ring, action, times, motio
     start = episode.steps * episode.interval * cradle.step
     end = (episode.steps + 1) * episode.interval * cradle.step
     rows, count, fastest = 0, 0, 0.0
+    S[0, FLOWN] = 0.0
     rate = (target - episode.delta) / (end - start)
     arrives = abs(rate) <= episode.fastest
     if not arrives:

@@ -24,6 +24,7 @@ from cradle_env.mechanics.parameters import (
     END,
     EVENTS,
     FIRST,
+    FLOWN,
     GRID,
     IMPACTS,
     LAST,
@@ -56,7 +57,11 @@ from cradle_env.mechanics.parameters import (
 from cradle_env.mechanics.strings import stretch, turn, unstretched
 
 # What a run can end with.
-DONE, FULL, STALLED, NOT_FINITE, NO_REST = 0, 1, 2, 3, 4
+DONE, FULL, STALLED, NOT_FINITE, NO_REST, PAUSED = 0, 1, 2, 3, 4, 5
+# Steps of single bobs after which a run returns to Python, which is deaf to Ctrl-C until then: about 0.4 s.
+MOST_FLOWN = 400_000
+# A multi-body impact takes about as long as this many steps of each bob in it.
+_CHAIN_COST = 20
 # So many events of each bob without this much progress [s] are a stall: N bobs that all but touch meet N²/2 times.
 _STALL_EVENTS, _STALL_TIME = 2000, 1e-2
 _FIRST = np.int64(0)
@@ -69,7 +74,8 @@ def run(cradle, bobs, table, S, W, until, times, motion, energy, impacts, count)
     times (T,) s, ascending; motion (T, N, 4): theta, r, their rates; energy (T, N, 7) J: see `ledger.book`
     (or of length 0);
     impacts (M, 4): time, pair from 0, approach speed, energy taken; the first `count` rows are in use.
-    Returns (DONE | FULL | STALLED | NOT_FINITE, rows in use); after FULL the same call goes on.
+    Returns (DONE | FULL | PAUSED | STALLED | NOT_FINITE, rows in use). After FULL the same call goes on; after PAUSED,
+    once FLOWN is 0 again.
     """
     status, count = advance(cradle, bobs, table, S, W, until, times, motion, energy, impacts, count)
     if status == DONE:
@@ -95,6 +101,8 @@ def advance(cradle, bobs, table, S, W, until, times, motion, energy, impacts, co
             S[0, EVENTS], S[0, PROGRESS] = 0.0, now
         if S[0, EVENTS] > _STALL_EVENTS * len(bobs):
             return STALLED, count
+        if S[0, FLOWN] > MOST_FLOWN:
+            return PAUSED, count
         if meeting <= end:
             lo, hi, count = meet(cradle, bobs, table, S, W, p, times, motion, energy, impacts, count)
         else:
@@ -276,6 +284,7 @@ def meet(cradle, bobs, table, S, W, p, times, motion, energy, impacts, count):
             two_body(cradle, bobs, table, S, W, p)
         else:
             chain(cradle, bobs, table, S, W, a, b)
+            S[0, FLOWN] += _CHAIN_COST * (b - a)
         for q in range(a, b - 1):
             S[q, LINK] = OPEN
         turn_after_impact(cradle, bobs, S, a, b)

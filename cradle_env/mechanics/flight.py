@@ -11,6 +11,7 @@ from cradle_env.mechanics.parameters import (
     DIM,
     DUE,
     END,
+    FLOWN,
     FORCE,
     FRAME,
     GRID,
@@ -87,6 +88,7 @@ def _fly(cradle, bobs, S, W, lo, hi, h):
         for c in range(DIM):
             S[i, END + c] = W[i, OUT + c]
         S[i, STEPS] += 1.0
+    S[0, FLOWN] += hi - lo
     derivative(cradle, bobs, S, W, lo, hi, S[lo, T0] + h, S, END, S, RATE1)
 
 

@@ -154,7 +154,8 @@ SAMPLED = 50  # samples already taken
 STEPS, TURNS, IMPACTS, MULTI_BODY, SETTLED = 51, 52, 53, 54, 55  # how often what happened to this bob or pair
 EVENTS, PROGRESS = 56, 57  # of row 0: events since the run last made headway, and when that was [s]
 DISSIPATION = 58  # k_f of the contact of pair i while it is followed in time [N s/m^(3/2)]
-COLUMNS = 59
+FLOWN = 59  # of row 0: steps of single bobs since the caller last set it to 0
+COLUMNS = 60
 
 # Columns of the scratch W (N, SCRATCH).
 TRIAL, OUT = map(_INT, (0, DIM))  # a stage's motion; where a step arrives

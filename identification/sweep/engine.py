@@ -5,8 +5,7 @@ from __future__ import annotations
 import math
 import time
 from asyncio import CancelledError
-from collections.abc import Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 from queue import SimpleQueue
@@ -17,7 +16,7 @@ import numpy as np
 
 from cradle_env.cradle import Cradle, Release
 from cradle_env.errors import check_range
-from cradle_env.simulation import SimulationError, cores, simulate
+from cradle_env.simulation import InterruptedRun, SimulationError, Threads, simulate
 from identification.sweep.grid import Grid, built
 from identification.sweep.quantities import Quantity, chosen
 from identification.sweep.store import DONE, Plan, Store, Swept, row_type
@@ -70,10 +69,10 @@ def _swept(plan: Plan, folder: Path, workers: int | None, executor: Any, progres
     store = Store(folder, plan)
     begun = store.done() > 0
     if executor is not None:
-        _run(plan, store, executor, progress)
+        _run(plan, store, executor, progress, lambda: None)
     else:
-        with ThreadPoolExecutor(workers or cores()) as threads:
-            _run(plan, store, threads, progress)
+        with Threads(workers) as threads:
+            _run(plan, store, threads, progress, threads.stop)
     swept = Swept(plan, store.open(), store.reasons)
     failures = swept.failures()
     if sum(failures.values()) == len(plan.grid):
@@ -83,8 +82,8 @@ def _swept(plan: Plan, folder: Path, workers: int | None, executor: Any, progres
     return swept
 
 
-def _run(plan: Plan, store: Store, executor: Any, progress: Progress | None) -> None:
-    """Keeps a few tasks in flight, and writes down what comes back in whatever order."""
+def _run(plan: Plan, store: Store, executor: Any, progress: Progress | None, stop: Callable[[], None]) -> None:
+    """Keeps a few tasks in flight, and writes down what comes back in whatever order; stop: has runs end early."""
     tell = progress or (lambda *_: None)
     grid, finished, waiting = plan.grid, SimpleQueue(), {}
     before = store.done()
@@ -112,8 +111,11 @@ def _run(plan: Plan, store: Store, executor: Any, progress: Progress | None) -> 
             future.add_done_callback(finished.put)
         while waiting:
             collect()
+    except BaseException:
+        stop()
+        raise
     finally:
-        # Where it is interrupted: what has begun comes to its end in moments, and is kept.
+        # Where it is interrupted: what has begun ends in moments, and what it has finished is kept.
         for future in [future for future in waiting if not future.cancel()]:
             with suppress(Exception, CancelledError):
                 store.write(waiting[future], *future.result())
@@ -129,7 +131,10 @@ def evaluate(
     duration: float,
     sample_rate: float,
 ) -> tuple[np.ndarray, Mapping[int, str]]:
-    """Rows (n,) of the runs at parameters (n, K), and why some of them, by their number, are impossible."""
+    """Rows (n,) of the runs at parameters (n, K), and why some of them, by their number, are impossible.
+
+    Rows that an interruption leaves out stay PENDING.
+    """
     rows, problems = np.zeros(len(values), row_type(quantities, times)), {}
     ledger = any(q.ledger for q in quantities)
     for k, point in enumerate(values.tolist()):
@@ -144,4 +149,6 @@ def evaluate(
             problems[k] = str(problem)
             for q in quantities:
                 rows[q.name][k] = np.nan
+        except InterruptedRun:
+            break
     return rows, problems
