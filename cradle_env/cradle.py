@@ -14,7 +14,7 @@ import numpy as np
 
 from cradle_env.effects import Effect, compose, effect
 from cradle_env.effects.elements import balanced, with_value
-from cradle_env.errors import check_range
+from cradle_env.errors import check_range, one_line
 
 #: β of the standard set: what κ is taken from where it is not given.
 STANDARD_BETA = 0.114
@@ -79,7 +79,7 @@ class Cradle:
         put = functools.partial(object.__setattr__, self)
         bobs = check_range("bobs", self.bobs, "", 1, 200)
         if bobs != int(bobs) or isinstance(self.bobs, bool):
-            raise ValueError(f"bobs is {self.bobs!r}; it must be a whole number from 1 to 200")
+            raise ValueError(f"bobs is {one_line(self.bobs)}; it must be a whole number from 1 to 200")
         put("bobs", int(bobs))
         for name, unit in (("length", "m"), ("mass", "kg"), ("radius", "m"), ("gravity", "m/s^2")):
             positive = check_range(name, getattr(self, name), unit, 0.0, _LARGEST, above=True)
@@ -93,7 +93,7 @@ class Cradle:
         put("kappa", check_range("kappa", kappa, "N/m", 0.0, _LARGEST, above=True))
         if self.power_law is not None:
             if np.shape(self.power_law) != (2,):
-                raise ValueError(f"power_law is {self.power_law!r}; it must be the pair (alpha, n)")
+                raise ValueError(f"power_law is {one_line(self.power_law)}; it must be the pair (alpha, n)")
             alpha, n = self.power_law
             put("power_law", (check_range("alpha", alpha, "", 0.0), check_range("n", n, "", 0.0)))
         put("delta", self._checked_delta())
@@ -110,7 +110,9 @@ class Cradle:
     def _checked_effects(self) -> Mapping[str, Mapping[str, float]]:
         effects: Any = self.effects
         if not isinstance(effects, Mapping) or not all(isinstance(values, Mapping) for values in effects.values()):
-            raise ValueError(f"effects is {effects!r}; give {{name: {{parameter: value}}}}, {{}} for no parameters")
+            raise ValueError(
+                f"effects is {one_line(effects)}; give {{name: {{parameter: value}}}}, {{}} for no parameters"
+            )
         composed = {e.name: e for e in compose(self.model, self.effects)}
         checked = {}
         for name, values in self.effects.items():
@@ -254,23 +256,23 @@ class Release:
         if (self.angle is None) == (self.angles is None):
             raise ValueError("a release needs either angle (with bobs) or angles {bob: angle}")
         if self.start not in ("unstretched", "hanging"):
-            raise ValueError(f"start is {self.start!r}; it must be 'unstretched' or 'hanging'")
+            raise ValueError(f"start is {one_line(self.start)}; it must be 'unstretched' or 'hanging'")
         if self.angle is not None:
             object.__setattr__(self, "angle", check_range("release angle", self.angle, "rad", -math.pi, math.pi))
             bobs = check_range("release bobs", self.bobs, "", 1, 200)
             if bobs != int(bobs):
-                raise ValueError(f"release bobs is {self.bobs!r}; it must be a whole number, at least 1")
+                raise ValueError(f"release bobs is {one_line(self.bobs)}; it must be a whole number, at least 1")
             object.__setattr__(self, "bobs", int(bobs))
         else:
             if self.bobs != 1:
-                raise ValueError(f"release bobs is {self.bobs!r}; angles names the bobs, so leave it out")
+                raise ValueError(f"release bobs is {one_line(self.bobs)}; angles names the bobs, so leave it out")
             if not isinstance(self.angles, Mapping) or not self.angles:
-                raise ValueError(f"angles is {self.angles!r}; give {{bob: angle}} for at least one bob")
+                raise ValueError(f"angles is {one_line(self.angles)}; give {{bob: angle}} for at least one bob")
             angles = {}
             for i, angle in self.angles.items():
                 bob = check_range("release bob", i, "")
                 if bob != int(bob):
-                    raise ValueError(f"release bob is {i!r}; it must be a whole number")
+                    raise ValueError(f"release bob is {one_line(i)}; it must be a whole number")
                 angles[int(bob)] = check_range(f"release angle of bob {i}", angle, "rad", -math.pi, math.pi)
             object.__setattr__(self, "angles", MappingProxyType(angles))
 

@@ -12,6 +12,7 @@ from gymnasium import error, logger
 
 from cradle_env.cradle import Cradle
 from cradle_env.episodes import EPISODE_ARRAYS, Episodes, check_status, shown
+from cradle_env.errors import one_line
 from cradle_env.mechanics.control import BAD_ACTION, OVER, REWARD, SYNCHRONIZED
 from cradle_env.settings import Settings
 from cradle_env.spaces import action_space, observation_space
@@ -280,7 +281,7 @@ class State:
 def check_render_mode(mode: str | None, metadata: dict[str, Any]) -> str | None:
     """The mode, if there is such a one; ValueError otherwise."""
     if mode is not None and mode not in metadata["render_modes"]:
-        raise ValueError(f"render_mode is {mode!r}; choose one of {', '.join(metadata['render_modes'])}")
+        raise ValueError(f"render_mode is {one_line(mode)}; choose one of {', '.join(metadata['render_modes'])}")
     return mode
 
 
@@ -296,7 +297,9 @@ def check_state(state: State, settings: Sequence[Settings], episodes: Episodes, 
     for theirs, own in zip(state.settings, settings, strict=True):
         for name, value in own.lasting.items():
             if theirs[name] != value:
-                raise ValueError(f"the state is of an environment with {name} {theirs[name]!r}; here it is {value!r}")
+                raise ValueError(
+                    f"the state is of an environment with {name} {theirs[name]!r}; here it is {one_line(value)}"
+                )
     for cradle in state.cradles:
         if cradle is not None:
             episodes.check_shown(cradle)

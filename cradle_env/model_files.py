@@ -11,9 +11,10 @@ from typing import Any
 
 import numpy as np
 
+from cradle_env import hdf5_files
 from cradle_env.cradle import CRADLE_NUMBERS
 from cradle_env.effects import MODELS, effect
-from cradle_env.errors import unknown_key
+from cradle_env.errors import one_line, unknown_key
 
 
 def read_model(path: Path) -> tuple[str, dict[str, dict[str, float]]]:
@@ -35,9 +36,13 @@ def read_model(path: Path) -> tuple[str, dict[str, dict[str, float]]]:
         raise ValueError(f"{path}: " + unknown_key("base", base, MODELS))
     named, parameters = model.get("effects", []), model.get("parameters", {})
     if not isinstance(named, list) or not all(isinstance(name, str) for name in named):
-        raise ValueError(f'{path}: effects is {named!r}; it must be a list of names, as effects = ["quadratic_drag"]')
+        raise ValueError(
+            f'{path}: effects is {one_line(named)}; it must be a list of names, as effects = ["quadratic_drag"]'
+        )
     if not isinstance(parameters, dict) or not all(isinstance(values, dict) for values in parameters.values()):
-        raise ValueError(f"{path}: parameters is {parameters!r}; write a table [model.parameters.EFFECT] of numbers")
+        raise ValueError(
+            f"{path}: parameters is {one_line(parameters)}; write a table [model.parameters.EFFECT] of numbers"
+        )
     effects: dict[str, dict[str, float]] = {}
     for name in (*named, *parameters):
         values = parameters.get(name, {})
@@ -56,19 +61,17 @@ def read_model(path: Path) -> tuple[str, dict[str, dict[str, float]]]:
 
 @functools.lru_cache(maxsize=8)
 def _posterior(path: str, _changed: float) -> Mapping[str, np.ndarray]:
-    import h5py
-
     try:
-        with h5py.File(path) as file:
-            group: Any = file["posterior"]
+        with hdf5_files.opened(Path(path)) as file:
+            group = hdf5_files.group(file, "posterior")
             draws = {
-                name: np.ravel(group[name][()]).astype(float)
+                name: np.ravel(hdf5_files.numbers(group, name))
                 for name in group
                 if name in (*CRADLE_NUMBERS, "delta") or "." in name
             }
-    except (OSError, KeyError, TypeError, ValueError):
+    except hdf5_files.UnreadableError as problem:
         raise ValueError(
-            f"{path} is no posterior of a calibration; name the posterior.nc that one has written"
+            f"{path} is no posterior of a calibration ({problem}); name the posterior.nc that one has written"
         ) from None
     if not draws:
         raise ValueError(f"{path} holds no parameter of a cradle")

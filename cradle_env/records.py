@@ -57,8 +57,8 @@ def records(cradle: Cradle, step_factor: float = 1.0) -> tuple[np.ndarray, np.nd
         step = min(step, _RADIAL_STEP * np.sqrt(c["frame_mass"][0] / (c["frame_stiffness"][0] + hung)))
     if bobs["tau_c"].any() or has_dry_friction(cradle.effects.get(learned_force.name, {})):
         step = min(step, _FRICTION_STEP / angular)
-    if (rate := _stiffest(c[0], bobs, angular)) > 0.0:
-        step = min(step, _RADIAL_STEP / rate)
+    if (rate := _stiffest(c[0], bobs, angular)) * step > _RADIAL_STEP:
+        step = _RADIAL_STEP / rate
     c["step"], c["contact_step"] = step * step_factor, _CONTACT_STEP * step_factor
     c["reach"] *= step_factor
     if (scale := c["contact_scale"][0]) > 0.0:

@@ -11,6 +11,7 @@ from gymnasium import error
 from gymnasium.spaces import Box
 
 from cradle_env.cradle import Cradle, Release
+from cradle_env.errors import one_line
 from cradle_env.settings import Settings
 from cradle_env.simulation import raised, sample_times, simulate
 from cradle_env.spaces import action_space, rounded
@@ -79,7 +80,9 @@ class NewtonCradleReleaseEnv(gym.Env[np.ndarray, np.ndarray]):
 
     def __init__(self, render_mode: str | None = None, **settings: Any) -> None:
         if render_mode is not None:
-            raise ValueError(f"render_mode is {render_mode!r}; one step is a whole experiment, which has no picture")
+            raise ValueError(
+                f"render_mode is {one_line(render_mode)}; one step is a whole experiment, which has no picture"
+            )
         self.render_mode = None
         for name in _OF_CONTROL:
             if name in settings:

@@ -16,7 +16,7 @@ from gymnasium.error import InvalidAction
 
 from cradle_env.cradle import CRADLE_NUMBERS, Cradle, Release, rebuilt
 from cradle_env.effects import MODELS
-from cradle_env.errors import check_range, unknown_key
+from cradle_env.errors import check_range, one_line, unknown_key
 from cradle_env.model_files import read_model, read_posterior
 
 #: What an action can set.
@@ -75,17 +75,19 @@ class Settings:
         put = functools.partial(object.__setattr__, self)
         # A set would say neither which number of an action is which, nor the same in every process.
         if isinstance(self.actions, str) or not isinstance(self.actions, Sequence) or not self.actions:
-            raise ValueError(f"actions is {self.actions!r}; give one or both of {', '.join(ACTIONS)}, as a sequence")
+            raise ValueError(
+                f"actions is {one_line(self.actions)}; give one or both of {', '.join(ACTIONS)}, as a sequence"
+            )
         for name in self.actions:
             if name not in ACTIONS:
                 raise ValueError(unknown_key("action", str(name), ACTIONS))
         if len(set(self.actions)) != len(self.actions):
-            raise ValueError(f"actions is {self.actions!r}; name each only once")
+            raise ValueError(f"actions is {one_line(self.actions)}; name each only once")
         put("actions", tuple(self.actions))
         if isinstance(self.reward, str) and self.reward not in REWARDS:
             raise ValueError(unknown_key("reward", self.reward, REWARDS) + ", or a function of two infos")
         if not isinstance(self.reward, str) and not callable(self.reward):
-            raise TypeError(f"reward is {self.reward!r}; it must be one of {', '.join(REWARDS)} or a function")
+            raise TypeError(f"reward is {one_line(self.reward)}; it must be one of {', '.join(REWARDS)} or a function")
         for name, unit in (("spacer_speed", "m/s"), ("duration", "s")):
             put(name, check_range(name, getattr(self, name), unit, 0.0, above=True))
         # σ's window holds a sample of every interval.
@@ -96,18 +98,20 @@ class Settings:
         try:
             put("dtype", np.dtype(self.dtype))
         except TypeError:
-            raise TypeError(f"dtype is {self.dtype!r}; observations are float32 or float64") from None
+            raise TypeError(f"dtype is {one_line(self.dtype)}; observations are float32 or float64") from None
         if self.dtype not in (np.float32, np.float64):
             raise ValueError(f"dtype is {self.dtype}; observations are float32 or float64")
         put("delta_range", self._checked_limits("delta_range", "", *DELTA_LIMITS))
         put("release_angle_range", self._checked_limits("release_angle_range", "rad", 0.0, math.pi))
         if not isinstance(self.effects, Mapping) or not all(isinstance(v, Mapping) for v in self.effects.values()):
-            raise TypeError(f"effects is {self.effects!r}; give {{name: {{parameter: value}}}}, {{}} for no parameters")
+            raise TypeError(
+                f"effects is {one_line(self.effects)}; give {{name: {{parameter: value}}}}, {{}} for no parameters"
+            )
         put("effects", MappingProxyType(dict(self.effects)))
         put("cradle", MappingProxyType(dict(self.cradle)))
         if not isinstance(self.model, str | Path):
             raise TypeError(
-                f"model is {self.model!r}; it must be one of {', '.join(MODELS)} or the path of a TOML file"
+                f"model is {one_line(self.model)}; it must be one of {', '.join(MODELS)} or the path of a TOML file"
             )
         if Path(self.model).suffix.lower() == ".toml":
             model, effects = read_model(Path(self.model))
@@ -143,7 +147,7 @@ class Settings:
     def _checked_limits(self, name: str, unit: str, low: float, high: float) -> tuple[float, float]:
         limits = getattr(self, name)
         if not _is_range(limits):
-            raise ValueError(f"{name} is {limits!r}; it must be two numbers (low, high)")
+            raise ValueError(f"{name} is {one_line(limits)}; it must be two numbers (low, high)")
         least, largest = (check_range(name, x, unit, low, high, above=low == 0.0) for x in limits)
         if not least < largest:
             raise ValueError(f"{name} is ({least:g}, {largest:g}); a range is (low, high), low below high")
@@ -228,7 +232,7 @@ class Settings:
         numbers = as_numbers(action)
         if numbers.shape != (len(self.actions),) or not (np.abs(numbers) <= 1.0).all():
             wanted = f"{len(self.actions)} numbers in [-1, 1]: {', '.join(self.actions)}"
-            raise InvalidAction(f"action is {action!r}; it must be {wanted}")
+            raise InvalidAction(f"action is {one_line(action)}; it must be {wanted}")
         return numbers
 
     def meaning(self, action: np.ndarray, cradle: Cradle, angle: float) -> dict[str, float]:

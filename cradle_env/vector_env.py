@@ -14,6 +14,7 @@ from gymnasium.vector.utils import batch_space
 
 from cradle_env.env import NewtonCradleEnv, State, check_render_mode, check_state
 from cradle_env.episodes import Episodes, check_status, shown
+from cradle_env.errors import one_line
 from cradle_env.mechanics.control import OVER, REWARD, SYNCHRONIZED
 from cradle_env.settings import Settings, as_numbers
 from cradle_env.simulation import cores
@@ -43,9 +44,9 @@ class NewtonCradleVectorEnv(VectorEnv):
         for name, value in (("num_envs", num_envs), ("workers", workers)):
             whole = isinstance(value, int | np.integer) and value >= 1
             if not whole and (name == "num_envs" or value is not None):
-                raise ValueError(f"{name} is {value!r}; it must be a whole number, at least 1")
+                raise ValueError(f"{name} is {one_line(value)}; it must be a whole number, at least 1")
         if not isinstance(max_episode_steps, int | np.integer | None):
-            raise TypeError(f"max_episode_steps is {max_episode_steps!r}; it must be a whole number, or None")
+            raise TypeError(f"max_episode_steps is {one_line(max_episode_steps)}; it must be a whole number, or None")
         if each is not None and len(each) != num_envs:
             raise ValueError(f"each has {len(each)} settings; there are {num_envs} environments")
         self.num_envs = int(num_envs)
@@ -60,7 +61,7 @@ class NewtonCradleVectorEnv(VectorEnv):
         self.render_mode = check_render_mode(render_mode, NewtonCradleEnv.metadata)
         modes = [mode.value for mode in AutoresetMode]
         if not isinstance(autoreset_mode, AutoresetMode) and autoreset_mode not in modes:
-            raise ValueError(f"autoreset_mode is {autoreset_mode!r}; choose one of {', '.join(modes)}")
+            raise ValueError(f"autoreset_mode is {one_line(autoreset_mode)}; choose one of {', '.join(modes)}")
         self.autoreset_mode = AutoresetMode(autoreset_mode)
         fps = max(1, round(1.0 / self.settings.control_interval))
         self.metadata = {**NewtonCradleEnv.metadata, "render_fps": fps, "autoreset_mode": self.autoreset_mode}
@@ -288,7 +289,7 @@ def _mapping(given: Any, name: str = "each") -> dict[str, Any]:
     """A copy of it; TypeError if it is no mapping."""
     if not isinstance(given, Mapping):
         wanted = "a dictionary" if name == "options" else "one dictionary of settings for each environment"
-        raise TypeError(f"{name} has {given!r}; it must be {wanted}")
+        raise TypeError(f"{name} has {one_line(given)}; it must be {wanted}")
     return dict(given)
 
 
@@ -296,7 +297,7 @@ def _checked_mask(mask: Any, count: int) -> np.ndarray:
     if mask is None:
         return np.ones(count, bool)
     if not isinstance(mask, np.ndarray) or mask.dtype != np.bool_:
-        raise TypeError(f"options['reset_mask'] is {mask!r}; it must be a numpy array of {count} booleans")
+        raise TypeError(f"options['reset_mask'] is {one_line(mask)}; it must be a numpy array of {count} booleans")
     if mask.shape != (count,):
         raise ValueError(f"options['reset_mask'] has shape {mask.shape}; it must have shape ({count},)")
     if not mask.any():

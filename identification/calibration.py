@@ -11,6 +11,7 @@ import numpy as np
 
 from cradle_env.errors import check_range
 from identification.experiment import Experiment
+from identification.files import holds_out
 from identification.fit import SEVERAL, Progress, find_mode, jacobian, mode_at, refit, training_rows
 from identification.foretold import allowed_gap
 from identification.jumps import learned
@@ -22,6 +23,7 @@ from identification.sample import Chains, Checkpoint, sample
 from identification.units import check_unit
 
 
+@holds_out
 @on_one_thread
 def calibrate(
     experiment: Experiment,

@@ -6,9 +6,10 @@ needs is imported when it runs, so that help and refusals come at once.
 
 from __future__ import annotations
 
+import errno
 import os
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from io import TextIOWrapper
 from pathlib import Path
@@ -52,12 +53,33 @@ class _InterruptedError(Exception):
     """Ctrl-C; the message says what is kept and how to go on."""
 
 
+class _FullDiskError(Exception):
+    """No room for a file; the message says what is kept and how to go on."""
+
+
+#: No space left, a quota used up, a file larger than it may be.
+_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+
+
 @contextmanager
-def _kept(what: str) -> Iterator[None]:
+def _kept(out: Path | None, what: Callable[[], str]) -> Iterator[None]:
+    """Where a command that writes to `out` is stopped: says what is kept."""
     try:
         yield
     except KeyboardInterrupt:
-        raise _InterruptedError(f"interrupted; {what}") from None
+        raise _InterruptedError(f"interrupted; {what()}") from None
+    except OSError as problem:
+        if problem.errno not in _FULL:
+            raise
+        raise _FullDiskError(f"no space left in {out}; {what()}") from None
+
+
+def _nothing_kept() -> str:
+    return "nothing was written that was not finished"
+
+
+def _same_command(what: str) -> Callable[[], str]:
+    return lambda: f"{what}, and the same command goes on from there"
 
 
 def _show_version(wanted: bool) -> None:
@@ -132,7 +154,7 @@ def simulate(
     cradle, release = commands.described(
         source, fields, delta, effect or [], set_ or [], angle=release_angle, lifted=lifted, start=start
     )
-    with _kept("nothing was written that was not finished"):
+    with _kept(out, _nothing_kept):
         commands.simulate(cradle, release, duration, sample_rate, out, noise, seed)
 
 
@@ -151,8 +173,14 @@ def calibrate(
     """
     from identification import commands
 
-    again = "the same command goes on from the last checkpoint"
-    with _kept(f"{out / 'chain.h5'} holds what was sampled, and {again}"):
+    def sampled() -> str:
+        from identification.sample import steps_kept
+
+        count = steps_kept(out / "chain.h5")
+        kept = f"{count} steps are kept in {out / 'chain.h5'}" if count else "no step was sampled yet"
+        return f"{kept}; the same command goes on"
+
+    with _kept(out, sampled):
         return commands.calibrate(experiment, out, steps, max_steps, seed, workers)
 
 
@@ -170,7 +198,7 @@ def predict(
     """Predict σ(t) and λ of any cradle from a calibration: prediction.json, prediction.csv and prediction.png."""
     from identification import commands
 
-    with _kept("nothing was written that was not finished"):
+    with _kept(out, _nothing_kept):
         commands.predict(calibration, out, delta, release_angle, bobs, draws, seed, workers)
 
 
@@ -187,7 +215,7 @@ def diagnose(
     """
     from identification import commands
 
-    with _kept(f"{out / 'fits.json'} holds the fits that were finished, and the same command goes on from there"):
+    with _kept(out, _same_command(f"{out / 'fits.json'} holds the fits that were finished")):
         commands.diagnose(experiment, out, seed, workers)
 
 
@@ -213,7 +241,7 @@ def reproduce(
     """
     from identification import commands
 
-    with _kept(f"{out} holds the figures that were finished, and the same command goes on from there"):
+    with _kept(out, _same_command(f"{out} holds the figures that were finished")):
         commands.reproduce(out, only or [], values, calibration, seed, workers)
 
 
@@ -281,7 +309,7 @@ def sweep(
         over=axes or tuple(AXES if explore else ()),
     )
     asked = command.Asked(axes, tuple(quantity or ("lambda",)), times, table, explore)
-    with _kept(f"{out / 'runs.npy'} holds the runs that were finished, and the same command goes on from there"):
+    with _kept(out, _same_command(f"{out / 'runs.npy'} holds the runs that were finished")):
         command.run(cradle, release, asked, duration, sample_rate, out, seed, workers)
 
 
@@ -308,7 +336,7 @@ def design(
     """
     from identification import commands
 
-    with _kept(f"{out / 'fits.json'} holds the fits that were finished, and the same command goes on from there"):
+    with _kept(out, _same_command(f"{out / 'fits.json'} holds the fits that were finished")):
         commands.design(experiment, out, between or [], diagnosis, seed, workers)
 
 
@@ -322,7 +350,7 @@ def bench(
     """Measure speed and accuracy against SciPy on this machine, on one core, as ratios."""
     from identification.bench import run
 
-    with _kept("nothing was written"):
+    with _kept(out, lambda: "nothing was written"):
         run.main(duration, out)
 
 
@@ -348,6 +376,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return _end(2, _usage(problem))
     except _InterruptedError as problem:
         return _end(130, str(problem))
+    except _FullDiskError as problem:
+        return _end(1, str(problem))
     except (KeyboardInterrupt, typer.Abort):
         return _end(130, "interrupted")
     except BrokenPipeError:  # the reader of our output has gone

@@ -15,12 +15,12 @@ import numpy as np
 from cradle_env import simulation
 from cradle_env.cradle import STANDARD_BETA, Cradle, Release
 from cradle_env.effects import effect
-from cradle_env.errors import unknown_key
+from cradle_env.errors import one_line, unknown_key
 from cradle_env.model_files import read_model
 from identification import results
 from identification.experiment import Experiment
 from identification.experiment_file import FILE_NAME
-from identification.files import check_own, check_report
+from identification.files import check_own, check_report, holds_out
 from identification.measurement import Instrument
 from identification.posterior import FORMAT as POSTERIOR_FORMAT
 from identification.posterior import Posterior
@@ -111,7 +111,7 @@ def _number(name: str, text: str) -> float:
     try:
         return float(text)
     except ValueError:
-        raise ValueError(f"{name} is {text!r}, which is not a number") from None
+        raise ValueError(f"{name} is {one_line(text)}, which is not a number") from None
 
 
 #: What of a cradle is said by other options than --set.
@@ -146,6 +146,7 @@ def _with_effects(known: Mapping[str, Mapping[str, Any]], texts: Sequence[str]) 
     return effects
 
 
+@holds_out
 def simulate(
     cradle: Cradle,
     release: Release,
@@ -162,7 +163,8 @@ def simulate(
     check_own(out, (results.SUMMARY, *written), results.SUMMARY, results.RUN_FORMAT)
     with Progress() as progress:
         progress("simulate", None, "the first run after installation compiles for some seconds")
-        run = simulation.simulate(cradle, release, duration, sample_rate)
+        tell = lambda part: progress("simulate", part, f"{part * duration:.3g} of {duration:g} s")  # noqa: E731
+        run = simulation.simulate(cradle, release, duration, sample_rate, progress=tell)
         progress("draw", None)
         described_by = {"cradle": results.cradle_values(cradle), "release": results.release_values(release)}
         inputs = hashlib.sha256(json.dumps([described_by, duration, sample_rate], sort_keys=True).encode()).hexdigest()
@@ -193,6 +195,7 @@ def _as_experiment(cradle: Cradle, release: Release, times: np.ndarray, noise: f
     return Experiment(cradle, (Run(times, shown_, release=ReleaseInfo(release), delta=cradle.delta, noise=noise),))
 
 
+@holds_out
 def calibrate(
     path: Path, out: Path, steps: int | None, max_steps: int, seed: int, workers: int | None
 ) -> int:  # fmt: skip
@@ -218,6 +221,7 @@ def calibrate(
     return 0
 
 
+@holds_out
 def diagnose(path: Path, out: Path, seed: int, workers: int | None) -> None:
     """Diagnoses an experiment and writes what was found."""
     from identification.diagnose import diagnose as run
@@ -254,6 +258,7 @@ def advised(advice: Advice) -> str:
     return f"next experiment: {described_run(plan.setting, plan.duration)}. {advice.instead}".rstrip()
 
 
+@holds_out
 def design(
     path: Path, out: Path, between: Sequence[str], diagnosis: Path | None, seed: int, workers: int | None
 ) -> None:
@@ -289,6 +294,7 @@ def _known(entry: Mapping[str, Any], unit: str) -> str:
     return f"{median} ({interval}) {unit_plain(unit, exponent)}".rstrip()
 
 
+@holds_out
 def predict(
     folder: Path,
     out: Path,
@@ -330,6 +336,7 @@ def _posterior_file(folder: Path) -> Path:
     return file
 
 
+@holds_out
 def reproduce(
     out: Path, only: Sequence[str], values: int, calibration: Path | None, seed: int, workers: int | None
 ) -> None:

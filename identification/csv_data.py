@@ -21,11 +21,15 @@ _LABEL = re.compile(r"(t|(theta|x)_(\d{1,9}))\s*(?:\[\s*(\S*?)\s*\])?", re.ASCII
 
 def read_recording(path: Path, bobs: int | None = None) -> Recording:
     """Reads a CSV or a Tracker export of a cradle with that many bobs (None: as many as it has columns for)."""
-    text, data = read_text(path)
+    return parse_recording(path.name, *read_text(path), bobs)
+
+
+def parse_recording(name: str, text: str, data: bytes, bobs: int | None = None) -> Recording:
+    """Likewise of the text of a file of that name; data: the file as it is."""
     lines = text.split("\n")
     if is_tracker(lines):
-        return read_tracker(path.name, lines, bobs, data)
-    return _read_csv(path.name, lines, bobs, data)
+        return read_tracker(name, lines, bobs, data)
+    return _read_csv(name, lines, bobs, data)
 
 
 def _read_csv(name: str, lines: list[str], bobs: int | None, data: bytes) -> Recording:

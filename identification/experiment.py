@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 import hashlib
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import MappingProxyType
@@ -13,9 +13,10 @@ from types import MappingProxyType
 import numpy as np
 
 from cradle_env.cradle import Cradle, Release
-from identification.csv_data import csv_text
+from identification.csv_data import csv_text, parse_recording, read_recording
 from identification.experiment_file import FILE_NAME, experiment_text, read_experiment
-from identification.files import ExperimentError, read_text, write_together
+from identification.files import ExperimentError, beside, read_text, write_together
+from identification.recording import Recording
 from identification.runs import Prior, ReleaseInfo, Run, check_prior, checked_run
 
 
@@ -92,16 +93,32 @@ class Experiment:
         """Reads an experiment.toml and the data it names; ExperimentError, one line, if they are unusable."""
         path = Path(path)
         text, data = read_text(path)
-        return cls._parse(text, path, data)
+        return cls._parse(text, path, data, _in_folder(path.parent))
 
     @classmethod
     def parse(cls, text: str, path: str | Path) -> Experiment:
         """The experiment that a text describes, were it the file at `path`; ExperimentError if it is unusable."""
-        return cls._parse(text, Path(path), text.encode())
+        path = Path(path)
+        return cls._parse(text, path, text.encode(), _in_folder(path.parent))
 
     @classmethod
-    def _parse(cls, text: str, path: Path, data: bytes) -> Experiment:
-        cradle, runs, infer, unknown, recorded = read_experiment(text, path)
+    def from_texts(cls, texts: Mapping[str, str]) -> Experiment:
+        """The experiment of what `texts` gives, whose files are on no disk; ExperimentError if it is unusable."""
+
+        def recording_of(file: str, bobs: int) -> Recording:
+            if file not in texts:
+                raise ValueError(f"there is no file {file!r} beside it; there are {', '.join(map(repr, texts))}")
+            return parse_recording(file, texts[file], texts[file].encode(), bobs)
+
+        text = texts[FILE_NAME]
+        return cls._parse(text, None, text.encode(), recording_of)
+
+    @classmethod
+    def _parse(
+        cls, text: str, path: Path | None, data: bytes, recording_of: Callable[[str, int], Recording]
+    ) -> Experiment:
+        name = FILE_NAME if path is None else path.name
+        cradle, runs, infer, unknown, recorded = read_experiment(text, name, recording_of)
         return cls(cradle, runs, infer, unknown, path).read_from(_digest(data, *recorded), text)
 
     def save(self, directory: str | Path) -> Path:
@@ -115,12 +132,16 @@ class Experiment:
         """The files of the experiment by name, experiment.toml first."""
         texts, runs = {FILE_NAME: ""}, []
         for i, run in enumerate(self.runs, 1):
-            file, text = Path(Path(run.file).name), csv_text(run.times, run.readings, run.quantity)
+            file, text = Path(Path(run.file).name.replace("\\", "_")), csv_text(run.times, run.readings, run.quantity)
             while texts.setdefault(str(file), text) != text:  # another folder's data of the same name
                 file = file.with_stem(f"{file.stem}-{i}")
             runs.append(dataclasses.replace(run, file=str(file)))
         texts[FILE_NAME] = experiment_text(self.cradle, runs, self.infer, self.unknown_effect_parameters)
         return texts
+
+
+def _in_folder(folder: Path) -> Callable[[str, int], Recording]:
+    return lambda file, bobs: read_recording(beside(folder, file), bobs)
 
 
 def _digest(*files: bytes) -> str:

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +11,6 @@ import numpy as np
 
 from cradle_env.cradle import Cradle, Release
 from cradle_env.effects import MODELS, effect
-from identification.csv_data import read_recording
 from identification.files import ExperimentError
 from identification.recording import Recording
 from identification.runs import Prior, ReleaseInfo, Run, check_prior, checked_noise, checked_run
@@ -28,18 +26,19 @@ _RELEASE_KEYS = ("bobs", "angle", "angles", "angle_sd", "time_sd", "start")
 
 
 def read_experiment(
-    text: str, path: Path
+    text: str, name: str, recording_of: Callable[[str, int], Recording]
 ) -> tuple[Cradle, tuple[Run, ...], dict[str, Prior], tuple[str, ...], list[bytes]]:
     """Cradle, runs, priors, effect parameters without a value, and the data files as they are.
 
-    `text` is that of the experiment.toml at `path`, next to which its data lie.
+    `text` is that of the experiment.toml of that name; recording_of(file, bobs) gives the data that it names, and
+    raises ValueError for what it may not name.
     """
-    top = Table.parse(path.name, text)
+    top = Table.parse(name, text)
     top.only(("format", "cradle", "model", "run", "infer"), "table")
     top.string("format", (FORMAT,))
-    known = top.table("cradle") if "cradle" in top else Table(path.name, text, {})
+    known = top.table("cradle") if "cradle" in top else Table(name, text, {})
     bobs = known.whole("bobs") if "bobs" in known else Cradle.bobs
-    model, unknown = _read_model(top.table("model") if "model" in top else Table(path.name, text, {}), bobs)
+    model, unknown = _read_model(top.table("model") if "model" in top else Table(name, text, {}), bobs)
     cradle = _read_cradle(known, model)
     infer = _read_priors(top.table("infer"), cradle) if "infer" in top else {}
     recordings: dict[str, Recording] = {}
@@ -48,10 +47,8 @@ def read_experiment(
         table.only(_RUN_KEYS)
         file = table.string("file")
         if file not in recordings:
-            data = path.parent / os.path.expanduser(file)
-            if not os.path.isfile(data):
-                raise table.refuse(f"there is no file {str(data)!r}; name the data to read", "file")
-            recordings[file] = read_recording(data, cradle.bobs)
+            with table.entry("file"):
+                recordings[file] = recording_of(file, cradle.bobs)
         run = _read_run(table, file, recordings[file], cradle)
         _check_magnitudes(recordings[file], cradle, infer.get("length"))
         runs.append(run)

@@ -1,17 +1,33 @@
-"""Files in and out: every refusal is one line, and nothing is ever half-written."""
+"""Files in and out: every refusal is one line, nothing is ever half-written, and one process works in a folder."""
 
 from __future__ import annotations
 
+import contextlib
+import functools
+import glob
 import hashlib
+import inspect
 import json
 import math
 import os
-from collections.abc import Iterable, Iterator, Mapping
-from contextlib import contextmanager
-from pathlib import Path
-from typing import Any
+import re
+import socket
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager, suppress
+from pathlib import Path, PureWindowsPath
+from typing import Any, ParamSpec, TypeVar
 
 import numpy as np
+from filelock import FileLock, Timeout
+
+#: Bytes of a file that is read as text at most: an hour of five bobs at 960 frames a second.
+_LARGEST = 2**28
+#: Tells who works in a folder; what is about to be written there is listed in the other.
+_LOCK, _PENDING = ".cradle.lock", ".pending"
+
+
+_P = ParamSpec("_P")
+_R = TypeVar("_R")
 
 
 class ExperimentError(ValueError):
@@ -24,7 +40,8 @@ class ExperimentError(ValueError):
 def read_text(path: Path) -> tuple[str, bytes]:
     """The text of a UTF-8 file, lines ended by \\n, without byte order mark; and its bytes as they are."""
     try:
-        data = path.read_bytes()
+        with path.open("rb") as file:
+            data = file.read(_LARGEST + 1)
     except FileNotFoundError:
         raise ExperimentError(f"{path}: no such file; check the name and the folder") from None
     except IsADirectoryError:
@@ -32,6 +49,8 @@ def read_text(path: Path) -> tuple[str, bytes]:
     except (OSError, ValueError) as error:
         reason = error.strerror if isinstance(error, OSError) else error
         raise ExperimentError(f"{str(path)!r}: cannot be read ({reason}); check the name and the permissions") from None
+    if len(data) > _LARGEST:
+        raise ExperimentError(f"{path}: is larger than {_LARGEST >> 20} MB; split it, or keep fewer readings")
     try:
         text = data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
@@ -40,18 +59,100 @@ def read_text(path: Path) -> tuple[str, bytes]:
     return text.replace("\r\n", "\n").replace("\r", "\n"), data
 
 
+def beside(folder: Path, name: str) -> Path:
+    """The file that a file in this folder names, in the folder itself or below it; ValueError for any other place, for
+    a link that leads out of it, for a device, and where there is none."""
+    parts = PureWindowsPath(name)  # which knows both separators, and drives
+    if not name.isprintable() or parts.drive or parts.root or ".." in parts.parts or name.startswith("~"):
+        raise ValueError(f"{name!r} is not in the folder of the file that names it, or below; copy it there")
+    path = folder / name
+    try:
+        real = path.resolve()
+        inside = real.is_relative_to(folder.resolve())
+        found, regular = real.exists(), real.is_file()
+    except (OSError, RuntimeError, ValueError):
+        inside, found, regular = True, False, False
+    if not inside:
+        raise ValueError(f"{name!r} is a link to a file in another folder; copy it here")
+    if not found:
+        raise ValueError(f"there is no file {str(path)!r}; name the data to read")
+    if not regular:
+        raise ValueError(f"{str(path)!r} is no file; name the data to read")
+    return path
+
+
+@contextmanager
+def working_in(folder: Path) -> Iterator[None]:
+    """Holds a folder, made where there is none, for this thread; ExperimentError where another process works there.
+
+    The system frees the lock of a process that has died. A folder that was made and stays empty is removed.
+    """
+    check_folder(folder)
+    made = [place for place in (folder, *folder.parents) if not place.exists()]
+    folder.mkdir(parents=True, exist_ok=True)
+    file = folder / _LOCK
+    lock = FileLock(file, timeout=0, is_singleton=True)
+    try:
+        lock.acquire()
+    except Timeout:
+        raise ExperimentError(f"{folder}: {_owner(file)} works there; wait for it, or choose another --out") from None
+    except OSError as problem:
+        if file.is_symlink():
+            raise ExperimentError(f"{file}: is a link, and no lock of this program; remove it") from None
+        raise problem
+    try:
+        if lock.lock_counter == 1:
+            with suppress(OSError):  # on a full disk nobody can be named
+                file.write_text(f"{os.getpid()} on {socket.gethostname()}\n", encoding="utf-8")
+        yield
+    finally:
+        lock.release()
+        if made and not lock.is_locked and [*folder.iterdir()] == [file]:
+            file.unlink()
+            for place in made:
+                place.rmdir()
+
+
+def holds_out(work: Callable[_P, _R]) -> Callable[_P, _R]:
+    """Work that holds the folder that it is given as `out`, where it is given one, as long as it takes."""
+    signature = inspect.signature(work)
+
+    @functools.wraps(work)
+    def held(*args: _P.args, **kwargs: _P.kwargs) -> _R:
+        out = signature.bind(*args, **kwargs).arguments.get("out")
+        with contextlib.nullcontext() if out is None else working_in(Path(out)):
+            return work(*args, **kwargs)
+
+    return held
+
+
+def _owner(lock: Path) -> str:
+    try:
+        name = lock.read_text(encoding="utf-8")[:100].strip()
+    except (OSError, ValueError):
+        name = ""
+    return f"process {name}" if name else "another process"
+
+
+def check_folder(folder: Path) -> None:
+    """ExperimentError where a folder for results is something else."""
+    if folder.exists() and not folder.is_dir():
+        raise ExperimentError(f"{folder}: is a file; name a folder for the results")
+
+
 def check_own(folder: Path, names: Iterable[str], stamp: str, formats: str) -> None:
     """ExperimentError where a folder holds a file of these names that is not ours to replace: the JSON file that our
     command writes beside it, its stamp, is not there, not of this format, or lists the file otherwise or not at all;
-    or where the folder is a file."""
-    if folder.exists() and not folder.is_dir():
-        raise ExperimentError(f"{folder}: is a file; name a folder for the results")
-    content = stamped(folder / stamp, formats)
+    or where the folder is a file. Files that were about to be written when their process was killed are ours."""
+    check_folder(folder)
+    content, pending = stamped(folder / stamp, formats), stamped(_pending(folder, stamp), formats)
 
     def ours(name: str) -> bool:
+        if pending is not None and (name == stamp or _lists(pending, folder / name)):
+            return True
         if content is None or name == stamp:
             return content is not None
-        return "files" not in content or content["files"].get(name) == _sha256(folder / name)
+        return "files" not in content or _lists(content, folder / name)
 
     for name in names:
         if (folder / name).exists() and not ours(name):
@@ -63,19 +164,42 @@ def write_listed(
 ) -> dict[str, Any]:
     """Writes files by name and, last, the stamp, which lists them and what it has listed before as `files`, by their
     SHA-256; returns its content. A Path is a file to be moved there."""
-    earlier = (stamped(folder / stamp, content["format"]) or {}).get("files", {})
-    content = {**content, "files": {**earlier, **{name: _sha256(data) for name, data in files.items()}}}
-    write_together(folder, {**files, stamp: json_text(content)})
+    with working_in(folder):
+        earlier = (stamped(folder / stamp, content["format"]) or {}).get("files", {})
+        content = {**content, "files": {**earlier, **{name: _sha256(data) for name, data in files.items()}}}
+        pending = write_json(_pending(folder, stamp), {key: content[key] for key in ("format", "files")})
+        write_together(folder, {**files, stamp: json_text(content)})
+        pending.unlink()
+        remove_leftovers(folder, (*files, stamp))
     return content
 
 
-def stamped(path: Path, formats: str) -> dict[str, Any] | None:
-    """The content of a JSON file of this format; None where there is no such file."""
+def remove_leftovers(folder: Path, names: Iterable[str]) -> None:
+    """Removes what processes that were killed have left of files of these names; the folder must be held."""
+    for name in names:
+        for left in folder.glob(f".{glob.escape(name)}.*"):
+            if re.fullmatch(r"\d+(\.part)?", left.name.removeprefix(f".{name}.")):
+                left.unlink()
+
+
+def _pending(folder: Path, stamp: str) -> Path:
+    return folder / f".{stamp}{_PENDING}"
+
+
+def _lists(content: Mapping[str, Any], file: Path) -> bool:
+    """Whether a stamp lists a file as it is."""
+    return content.get("files", {}).get(file.name) == _sha256(file)
+
+
+def stamped(path: Path, formats: str, schema: str = "stamp") -> dict[str, Any] | None:
+    """The content of a JSON file of results of this format; None where there is no such file, or it is none of ours."""
+    from identification.schema import read_json
+
     try:
-        content = json.loads(path.read_text(encoding="utf-8"))
-        return content if content["format"] == formats and isinstance(content.get("files", {}), dict) else None
-    except (OSError, ValueError, TypeError, KeyError):
+        content = read_json(path, schema)
+    except ExperimentError:
         return None
+    return content if content["format"] == formats else None
 
 
 def _sha256(data: str | bytes | Path) -> str:
@@ -104,6 +228,8 @@ def replacing(path: Path) -> Iterator[Path]:
     temporary = path.with_name(f".{path.name}.{os.getpid()}.part")
     try:
         yield temporary
+        with temporary.open("rb+") as file:  # a renamed file whose content is lost would be worse than none
+            os.fsync(file.fileno())
         os.replace(temporary, path)
     finally:
         temporary.unlink(missing_ok=True)

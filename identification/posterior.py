@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import dataclasses
 import functools
-import json
 import math
-import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -273,85 +270,16 @@ class Posterior:
 
     def save(self, path: str | Path) -> Path:
         """Writes the samples, in their units, as an ArviZ netCDF file, with what is needed to load it again."""
-        import xarray
+        from identification.posterior_file import write_posterior
 
-        path = Path(path)
-        E, S, W, _ = self.chain.shape
-        # Walkers move by each other's positions: one ensemble is one chain, its draws step by step.
-        dims = ("chain", "draw")
-        flat = self.chain.reshape(E, S * W, -1)
-        data = {u.name: (dims, u.value(flat[..., k])) for k, u in enumerate(self.unknowns)}
-        if self.newton_exponents is not None:
-            data["lambda"] = (dims, self.newton_exponents.reshape(E, S * W))
-        posterior = xarray.Dataset(data, coords={"chain": np.arange(E), "draw": np.arange(S * W)})
-        for u in self.unknowns:
-            posterior[u.name].attrs["units"] = u.unit
-        stats = xarray.Dataset({"lp": (dims, self.log_density.reshape(E, S * W))})
-        posterior.attrs |= {
-            "format": FORMAT,
-            "walkers": W,
-            "seed": self.seed,
-            "experiment": json.dumps(self.experiment.texts()),
-            "inputs": self.experiment.digest,
-            "convergence": json.dumps(dataclasses.asdict(self.convergence)),
-            "inflations": list(self.likelihood.inflations),
-            "gap": json.dumps(
-                [self.gap.train, self.gap.held_out, {k: v.tolist() for k, v in self.gap.rms.items()}, self.gap.allowed]
-            ),
-        }
-        temporary = path.with_name(path.name + ".part")
-        temporary.unlink(missing_ok=True)
-        posterior.to_netcdf(temporary, group="posterior", engine="h5netcdf")
-        stats.to_netcdf(temporary, mode="a", group="sample_stats", engine="h5netcdf")
-        os.replace(temporary, path)
-        return path
+        return write_posterior(self, Path(path))
 
     @classmethod
     def load(cls, path: str | Path, workers: int | None = None) -> Posterior:
-        """Reads what `save` wrote; ValueError if it is not such a file."""
-        import tempfile
+        """Reads what `save` wrote; ExperimentError, naming file and field, if it is not such a file."""
+        from identification.posterior_file import read_posterior
 
-        import xarray
-
-        path = Path(path)
-        try:
-            with xarray.open_dataset(path, group="posterior", engine="h5netcdf") as posterior:
-                posterior.load()
-            with xarray.open_dataset(path, group="sample_stats", engine="h5netcdf") as stats:
-                stats.load()
-        except (OSError, ValueError, KeyError) as problem:
-            raise ValueError(f"{path} is not a posterior of `cradle calibrate`: {problem}") from None
-        if posterior.attrs.get("format") != FORMAT:
-            raise ValueError(f"{path} has format {posterior.attrs.get('format')!r}; expected {FORMAT!r}")
-        with tempfile.TemporaryDirectory() as folder:
-            for name, text in json.loads(posterior.attrs["experiment"]).items():
-                (Path(folder) / name).write_text(text, encoding="utf-8")
-            experiment = Experiment.load(Path(folder) / "experiment.toml")
-        # What it holds is the experiment as it was rewritten; results go by the files that were calibrated.
-        experiment = experiment.read_from(posterior.attrs.get("inputs", experiment.digest))
-        likelihood = Likelihood(experiment, workers=workers, parameters=[name for name in SEARCH if name in posterior])
-        if "inflations" in posterior.attrs:  # older files do not tell
-            likelihood = likelihood.with_inflations(np.atleast_1d(posterior.attrs["inflations"]).tolist())
-        W = int(posterior.attrs["walkers"])
-
-        def shaped(values: np.ndarray) -> np.ndarray:
-            return values.reshape(len(values), -1, W)
-
-        coordinates = [
-            shaped(np.log(posterior[u.name].values) if u.log else posterior[u.name].values) for u in likelihood.unknowns
-        ]
-        convergence = json.loads(posterior.attrs["convergence"])
-        train, held_out, by_bob, *allowed = json.loads(posterior.attrs["gap"])  # older files do not tell the last
-        convergence["reasons"] = tuple(convergence["reasons"])
-        return cls(
-            likelihood,
-            np.stack(coordinates, axis=-1),
-            shaped(stats["lp"].values),
-            shaped(posterior["lambda"].values) if "lambda" in posterior else None,
-            Convergence(**convergence),
-            Gap(train, held_out, {part: np.array(values) for part, values in by_bob.items()}, *allowed),
-            int(posterior.attrs["seed"]),
-        )
+        return read_posterior(Path(path), workers)
 
 
 def _of_other_bobs(release: Release, calibrated: int, bobs: int) -> Release:

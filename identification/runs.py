@@ -10,12 +10,15 @@ import numpy as np
 
 from cradle_env.cradle import Cradle, Release
 from cradle_env.effects import CATALOGUE
-from cradle_env.errors import check_range, unknown_key
-from cradle_env.simulation import prepare
+from cradle_env.errors import check_range, one_line, unknown_key
+from cradle_env.simulation import check_cost, prepare, steps_needed
 from identification.recording import UNITS
 
 #: Noise [rad or m] below which the errors of a simulation, some 1e-7 over 10 s, would count as misfit.
 _LEAST_NOISE = 1e-7
+#: Steps of single bobs in one simulation of a measured run at most, some 10 s: a fit makes thousands of them.
+_MOST_STEPS = 1e7
+_LATE = "count t from the release, not from 1970 as a clock in Unix time does, or keep less of the recording"
 
 
 @dataclass(frozen=True)
@@ -101,7 +104,9 @@ class Run:
             ("unit", UNITS.get(self.quantity, ())),
         ):
             if getattr(self, name) not in choices:
-                raise ValueError(f"{name} is {getattr(self, name)!r}; it must be {' or '.join(map(repr, choices))}")
+                raise ValueError(
+                    f"{name} is {one_line(getattr(self, name))}; it must be {' or '.join(map(repr, choices))}"
+                )
         self._check_arrays()
         if self.state == "release" and self.release is None:
             raise ValueError(
@@ -150,6 +155,11 @@ class Run:
         object.__setattr__(self, "fit_from", max(start, float(seen[0])))  # from there on there is something to fit
 
     @property
+    def duration(self) -> float:
+        """From where its simulations begin to its last reading [s]."""
+        return max(float(self.times[-1]) - (self.fit_from if self.state == "free" else 0.0), 0.0)
+
+    @property
     def fitted(self) -> np.ndarray:
         """Which rows may be fitted, (T,) of bool: from fit_from to fit_to, with a reading."""
         end = math.inf if self.fit_to is None else self.fit_to
@@ -191,6 +201,7 @@ def checked_run(cradle: Cradle, run: Run) -> Run:
     of_run = cradle if run.delta is None else cradle.replace(delta=run.delta)
     if run.release is not None:
         prepare(of_run, run.release.release)
+    check_cost(of_run, run.duration, steps_needed(of_run, run.duration), _MOST_STEPS, _LATE)
     return dataclasses.replace(run, delta=of_run.delta)
 
 

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
+import io
 import math
-import os
-import shutil
 import time
 from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -15,13 +15,16 @@ import emcee
 import h5py
 import numpy as np
 
-from identification.files import ExperimentError
+from cradle_env import hdf5_files
+from identification.files import ExperimentError, write
 from identification.fingerprint import program
 from identification.fit import Mode, Progress, well_conditioned
 from identification.likelihood import Jumps, Likelihood
 from identification.posterior import Convergence
+from identification.schema import check
 
 ENSEMBLES = 2
+_REMEDY = "it is no chain that can be resumed; remove it, or choose another --out"
 #: What a chain must reach before it is called converged.
 RHAT, ESS, TAUS = 1.01, 400.0, 50.0
 #: Seconds between checkpoints, about: what a kill can lose.
@@ -85,7 +88,8 @@ class Sampler(emcee.EnsembleSampler):
 class Checkpoint:
     """The chains on disk: chain.h5, in emcee's HDF format, one group per ensemble.
 
-    A stretch of sampling works on a copy that then takes the file's place, so that a kill leaves the last whole one.
+    A stretch of sampling works on a copy in memory that then takes the file's place, so that a kill or a full disk
+    leaves the last whole one.
     """
 
     def __init__(self, path: Path, likelihood: Likelihood, seed: int):
@@ -95,33 +99,69 @@ class Checkpoint:
         """Whether there are chains of this very inference to go on with; ExperimentError if of another."""
         if not self.path.exists():
             return False
-        try:
-            with _open(self.path, "r") as file:
-                digest, names, _ = file.attrs["inputs"], list(file.attrs["names"]), file["jumps"]
-                seed, by = int(file.attrs["seed"]), file.attrs.get("program")
-        except (OSError, KeyError) as problem:
-            raise ExperimentError(f"{self.path}: not a chain that can be resumed ({problem}); remove it") from None
-        if digest != self.likelihood.experiment.digest or names != self.likelihood.names:
+        known = self._checked()
+        if known["inputs"] != self.likelihood.experiment.digest or known["names"] != self.likelihood.names:
             raise ExperimentError(
                 f"{self.path}: holds chains of other data or unknowns; choose another --out, or remove the file"
             )
-        if seed != self.seed:
+        if known["seed"] != self.seed:
             raise ExperimentError(
-                f"{self.path}: holds chains of seed {seed}, not {self.seed}; give that one, choose another --out, "
-                "or remove the file"
+                f"{self.path}: holds chains of seed {known['seed']}, not {self.seed}; give that one, choose another "
+                "--out, or remove the file"
             )
-        if by != program(self.likelihood.experiment.cradle.composition):
+        if known["program"] != program(self.likelihood.experiment.cradle.composition):
             raise ExperimentError(
                 f"{self.path}: holds chains by another version of the program, or of an effect from outside it;"
                 " go on with that one, choose another --out, or remove the file"
             )
         return True
 
+    def _checked(self) -> dict[str, Any]:
+        """What the file says of itself; ExperimentError, naming the field, if it is not whole."""
+        try:
+            with hdf5_files.opened(self.path) as file:
+                known = hdf5_files.attributes(file)
+                check(known, "chain", self.path, _REMEDY)
+                if known["names"] == self.likelihood.names:
+                    self._check_arrays(file)
+        except hdf5_files.UnreadableError as problem:
+            raise ExperimentError(f"{problem}; {_REMEDY}") from None
+        return known
+
+    def _check_arrays(self, file: Any) -> None:
+        D, W, runs = len(self.likelihood.unknowns), walkers_for(self.likelihood), self.likelihood.experiment.runs
+        modes, jumps = hdf5_files.group(file, "modes"), hdf5_files.group(file, "jumps")
+        if "0" not in modes or not all(name.isdigit() for name in modes):
+            raise hdf5_files.UnreadableError(f"{self.path}: modes must be numbered by steps, from 0 on")
+        for name in modes:
+            mode = hdf5_files.group(modes, name)
+            for key, shape in (("point", (D,)), ("covariance", (D, D)), ("cost", ())):
+                hdf5_files.numbers(mode, key, shape)
+        for k, (run, rows) in enumerate(zip(runs, self.likelihood.rows, strict=True), 1):
+            if len(jumps) == 0:
+                break
+            of_run = hdf5_files.group(jumps, str(k))
+            readings = int(np.count_nonzero(~np.isnan(run.readings[rows])))
+            directions = hdf5_files.numbers(of_run, "directions", (readings, None))
+            hdf5_files.numbers(of_run, "sizes", (directions.shape[1],))
+        for k in range(ENSEMBLES):
+            name = f"ensemble_{k + 1}"
+            if name not in file:
+                continue
+            ensemble = hdf5_files.group(file, name)
+            known = hdf5_files.attributes(ensemble)
+            check(known, "chain-ensemble", f"{self.path}: {name}", _REMEDY)
+            if known["iteration"]:
+                steps = len(hdf5_files.numbers(ensemble, "chain", (None, W, D)))
+                hdf5_files.numbers(ensemble, "log_prob", (steps, W))
+                hdf5_files.numbers(ensemble, "blobs", (steps, W))
+                if known["iteration"] > steps:
+                    raise hdf5_files.UnreadableError(f"{self.path}: {name} holds {steps} steps of {known['iteration']}")
+
     def begin(self, mode: Mode, jumps: Sequence[Jumps], inflations: Sequence[float]) -> None:
         """A file without steps, with the mode from which sampling starts, how the readings of each run jump, and how
         many of them count for one."""
-        part = self._part()
-        with _open(part, "w") as file:
+        with self._changed(new=True) as image, _open(image, "w") as file:
             file.attrs["inputs"] = self.likelihood.experiment.digest
             file.attrs["names"] = self.likelihood.names
             file.attrs["program"] = program(self.likelihood.experiment.cradle.composition)
@@ -131,7 +171,13 @@ class Checkpoint:
             file.create_group("jumps")
             for k, of_run in enumerate(jumps):
                 file[f"jumps/{k + 1}/directions"], file[f"jumps/{k + 1}/sizes"] = of_run.directions, of_run.sizes
-        os.replace(part, self.path)
+
+    @contextmanager
+    def _changed(self, new: bool = False) -> Iterator[io.BytesIO]:
+        """A copy of the file in memory to work on, which takes its place if all went well."""
+        with io.BytesIO(b"" if new else self.path.read_bytes()) as image:
+            yield image
+            write(self.path, image.getvalue())
 
     def inflations(self) -> list[float]:
         """How many readings of each run count for one."""
@@ -156,48 +202,56 @@ class Checkpoint:
         D = len(self.likelihood.unknowns)
         points = self.read().chain[:, step // 2 : step].reshape(-1, D)
         covariance = well_conditioned(np.cov(points.T).reshape(D, D))
-        with _open(self.open_copy(), "a") as file:
+        with self._changed() as image, _open(image, "a") as file:
             if str(step) not in file["modes"]:
                 _write_mode(file, step, Mode(points.mean(axis=0), covariance, 0.0))
-        self.commit()
 
-    def _part(self) -> Path:
-        return self.path.with_name(self.path.name + ".part")
-
-    def backend(self, ensemble: int, path: Path | None = None) -> emcee.backends.HDFBackend:
-        """emcee's view of one ensemble."""
-        return emcee.backends.HDFBackend(str(path or self.path), name=f"ensemble_{ensemble + 1}")
-
-    def open_copy(self) -> Path:
-        """A copy to work on."""
-        return Path(shutil.copyfile(self.path, self._part()))
-
-    def commit(self) -> None:
-        """The copy takes the file's place."""
-        with open(self._part(), "rb") as file:
-            os.fsync(file.fileno())
-        os.replace(self._part(), self.path)
+    @contextmanager
+    def backends(self) -> Iterator[list[emcee.backends.HDFBackend]]:
+        """emcee's view of each ensemble, on a copy of the file that takes its place if all went well."""
+        with self._changed() as image:
+            yield [Image(image, f"ensemble_{k + 1}") for k in range(ENSEMBLES)]
 
     def steps(self) -> int:
         """Steps that all ensembles have taken."""
-        with _open(self.path, "r") as file:
-            groups = [file.get(f"ensemble_{k + 1}") for k in range(ENSEMBLES)]
-            return min(int(g.attrs["iteration"]) if g is not None else 0 for g in groups)
+        return steps_kept(self.path)
 
     def read(self) -> Chains:
         """All that was sampled by all ensembles."""
         steps = self.steps()
         parts = []
         for k in range(ENSEMBLES):
-            backend: Any = self.backend(k)
+            backend: Any = emcee.backends.HDFBackend(str(self.path), name=f"ensemble_{k + 1}")
             parts.append((backend.get_chain()[:steps], backend.get_log_prob()[:steps], backend.get_blobs()[:steps]))
         chain, log_density, blobs = (np.array(group) for group in zip(*parts, strict=True))
         return Chains(chain, log_density, blobs.reshape(log_density.shape))
 
 
-def _open(path: Path, mode: str) -> Any:
+class Image(emcee.backends.HDFBackend):
+    """emcee's backend on a file in memory: on a full disk it is one write that fails, and not h5py halfway."""
+
+    def __init__(self, image: io.BytesIO, name: str) -> None:
+        super().__init__(image, name=name)
+
+    @property
+    def initialized(self) -> bool:
+        """Whether the ensemble has taken a step."""
+        with self.open() as file:
+            return self.name in file
+
+
+def _open(file: Path | io.BytesIO, mode: str) -> Any:
     """An HDF5 file; untyped, for what stands in it is known to whoever wrote it."""
-    return h5py.File(path, mode)
+    return h5py.File(file, mode)
+
+
+def steps_kept(path: Path) -> int:
+    """Steps that all ensembles in a chain.h5 have taken; 0 where there is none."""
+    if not path.is_file():
+        return 0
+    with _open(path, "r") as file:
+        groups = [file.get(f"ensemble_{k + 1}") for k in range(ENSEMBLES)]
+        return min(int(g.attrs["iteration"]) if g is not None else 0 for g in groups)
 
 
 def _write_mode(file: Any, step: int, mode: Mode) -> None:
@@ -274,23 +328,21 @@ def _tell(progress, likelihood, checkpoint, goal, steps, done, new, seconds) -> 
 
 def _advance(likelihood: Likelihood, checkpoint: Checkpoint, done: int, count: int) -> None:
     """Takes `count` steps of every ensemble on a copy of the file, which then takes its place."""
-    mode, part = checkpoint.mode(done), checkpoint.open_copy()
-    W = walkers_for(likelihood)
-    for k in range(ENSEMBLES):
-        backend = checkpoint.backend(k, part)
-        moves = [(NearMode(mode), 0.6), (emcee.moves.DEMove(), 0.3), (emcee.moves.DESnookerMove(), 0.1)]
-        sampler = Sampler(likelihood, W, moves=moves, backend=backend)
-        if done == 0:
-            begin = _scattered(likelihood, mode, W, np.random.default_rng([checkpoint.seed, k]))
-        else:
-            last = backend.get_last_sample()
-            begin = emcee.State(last.coords, log_prob=last.log_prob, blobs=last.blobs)
-        steps = sampler.sample(begin, iterations=count, skip_initial_state_check=done > 0)
-        for step in range(done, done + count):
-            sampler.random_state = np.random.RandomState([checkpoint.seed, k, step]).get_state()
-            next(steps)
-        steps.close()
-    checkpoint.commit()
+    mode, W = checkpoint.mode(done), walkers_for(likelihood)
+    with checkpoint.backends() as backends:
+        for k, backend in enumerate(backends):
+            moves = [(NearMode(mode), 0.6), (emcee.moves.DEMove(), 0.3), (emcee.moves.DESnookerMove(), 0.1)]
+            sampler = Sampler(likelihood, W, moves=moves, backend=backend)
+            if done == 0:
+                begin = _scattered(likelihood, mode, W, np.random.default_rng([checkpoint.seed, k]))
+            else:
+                last = backend.get_last_sample()
+                begin = emcee.State(last.coords, log_prob=last.log_prob, blobs=last.blobs)
+            steps = sampler.sample(begin, iterations=count, skip_initial_state_check=done > 0)
+            for step in range(done, done + count):
+                sampler.random_state = np.random.RandomState([checkpoint.seed, k, step]).get_state()
+                next(steps)
+            steps.close()
 
 
 def _scattered(likelihood: Likelihood, mode: Mode, walkers: int, rng: np.random.Generator) -> emcee.State:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import math
-import os
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 
@@ -30,6 +29,8 @@ _NOW = 0.05
 def scaffold(data_csv: Path, out: Path | None = None, *, overwrite: bool = False) -> Path:
     """Writes an experiment.toml for a data file, beside it or at `out`, that loads at once; its path.
 
+    In another folder the data go along, for an experiment names no file outside its own folder.
+
     Raises ExperimentError if the data are unusable, or if the file exists and overwrite is not set.
     """
     data_csv = Path(data_csv)
@@ -43,25 +44,20 @@ def scaffold(data_csv: Path, out: Path | None = None, *, overwrite: bool = False
         raise ExperimentError(f"{out}: exists already; name another file, or say that it may be overwritten")
     if np.isnan(recording.readings).all():
         raise ExperimentError(f"{data_csv}: holds no reading at all; each row needs a value or more")
-    name = _relative(data_csv, out.parent)
+    name, copied = data_csv.name, out.parent / data_csv.name
+    beside_data = copied.resolve() == data_csv.resolve()
+    if not beside_data and copied.exists() and copied.read_bytes() != recording.data:
+        raise ExperimentError(f"{copied}: exists already, and is not a copy of the data; name another folder")
     if not name.isprintable():
         raise ExperimentError(f"{name!r}: this name cannot be written into a file; rename the data")
     text = scaffold_text(recording, name)
-    out.parent.mkdir(parents=True, exist_ok=True)
     try:
-        Experiment.parse(text, out)
+        Experiment.parse(text, data_csv.parent / out.name)
     except ExperimentError as problem:  # with what is guessed from the data, in a file that is not written
         what = str(problem).partition(": run[1]: ")[2]
         raise ExperimentError(f"{data_csv}: {what}") if what else problem from None
-    write_together(out.parent, {out.name: text})
+    write_together(out.parent, {**({} if beside_data else {name: recording.data}), out.name: text})
     return out
-
-
-def _relative(file: Path, folder: Path) -> str:
-    try:
-        return Path(os.path.relpath(file, folder)).as_posix()
-    except ValueError:  # another drive
-        return file.resolve().as_posix()
 
 
 def scaffold_text(recording: Recording, file: str) -> str:

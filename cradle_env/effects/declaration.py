@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from cradle_env.errors import check_range, unknown_key
+from cradle_env.errors import check_range, one_line, unknown_key
 from cradle_env.mechanics.parameters import USER
 
 #: Values of an effect's parameters by key; where there is one for each bob or gap, an array of them.
@@ -104,7 +104,9 @@ class Effect:
 
     def __post_init__(self) -> None:
         if self.acts_on not in PLACES:
-            raise ValueError(f"effect {self.name}: acts_on is {self.acts_on!r}; choose one of {', '.join(PLACES)}")
+            raise ValueError(
+                f"effect {self.name}: acts_on is {one_line(self.acts_on)}; choose one of {', '.join(PLACES)}"
+            )
         if self.force is not None and len(self.parameters) > USER:
             raise ValueError(f"effect {self.name}: a force from outside takes at most {USER} parameters")
 

@@ -60,8 +60,6 @@ from cradle_env.mechanics.strings import stretch, turn, unstretched
 DONE, FULL, STALLED, NOT_FINITE, NO_REST, PAUSED = 0, 1, 2, 3, 4, 5
 # Steps of single bobs after which a run returns to Python, which is deaf to Ctrl-C until then: about 0.4 s.
 MOST_FLOWN = 400_000
-# A multi-body impact takes about as long as this many steps of each bob in it.
-_CHAIN_COST = 20
 # So many events of each bob without this much progress [s] are a stall: N bobs that all but touch meet N²/2 times.
 _STALL_EVENTS, _STALL_TIME = 2000, 1e-2
 _FIRST = np.int64(0)
@@ -283,8 +281,7 @@ def meet(cradle, bobs, table, S, W, p, times, motion, energy, impacts, count):
         if b - a == 2:
             two_body(cradle, bobs, table, S, W, p)
         else:
-            chain(cradle, bobs, table, S, W, a, b)
-            S[0, FLOWN] += _CHAIN_COST * (b - a)
+            S[0, FLOWN] += chain(cradle, bobs, table, S, W, a, b) * (b - a)
         for q in range(a, b - 1):
             S[q, LINK] = OPEN
         turn_after_impact(cradle, bobs, S, a, b)

@@ -133,7 +133,8 @@ def chain(cradle, bobs, table, S, W, lo, hi):
     """Multi-body Kuwabara-Kono impact of the touching bobs lo..hi-1, geometry frozen; changes their START.
 
     All contacts start at zero overlap. Sets W[p, LOSS] [J] to what each contact took (minus the work of its force).
-    What parts counts for the scale of speeds too: a touch of rounding's size beside it is no blow.
+    What parts counts for the scale of speeds too: a touch of rounding's size beside it is no blow. Returns the number
+    of steps.
     """
     set_normals(cradle, bobs, lo, hi, S[lo, T0], S, START, W)
     struck, scale, m = False, 0.0, 0.0
@@ -150,23 +151,24 @@ def chain(cradle, bobs, table, S, W, lo, hi):
         if abs(approach) > scale:
             scale, m = abs(approach), 1.0 / W[p, CHAIN_D]
     if not struck:
-        return
+        return 0
     for p in range(lo, hi - 1):
         W[p, CHAIN_D] *= m
         W[p, CHAIN_U] *= m
         W[p, CHAIN + 1] /= scale
     tolerance = min(max(_CHAIN_ERROR / scale, _FINEST), _COARSEST)
-    _resolve(equivalent_dissipation(cradle, table, m, scale), tolerance, lo, hi, W)
+    steps = _resolve(equivalent_dissipation(cradle, table, m, scale), tolerance, lo, hi, W)
     for p in range(lo, hi - 1):
         W[p, SOLUTION] = W[p, CHAIN + 2] * m * scale
         W[p, LOSS] = W[p, CHAIN + 3] * m * scale * scale
     apply_chain(cradle, bobs, lo, hi, S, START, W, S, START, VELOCITIES)
+    return steps
 
 
 @jit
 def _resolve(A, tolerance, lo, hi, W):
-    """Integrates a chain until no pair presses or approaches, with control of the error."""
-    t, h = 0.0, 0.01
+    """Integrates a chain until no pair presses or approaches, with control of the error; returns how many steps."""
+    t, h, steps = 0.0, 0.01, 0
     while t < _CHAIN_LIMIT and not (t > 0.0 and _chain_is_over(A, lo, hi, W)):
         for s in range(7):
             for p in range(lo, hi - 1):
@@ -177,6 +179,7 @@ def _resolve(A, tolerance, lo, hi, W):
                     W[p, CHAIN + 4 + c] = W[p, CHAIN + c] + h * total
             _chain_rates(A, lo, hi, W, CHAIN + 4, CHAIN + 8 + 4 * s)
         error = 0.0
+        steps += 1
         for p in range(lo, hi - 1):
             for c in range(2):
                 e = 0.0
@@ -189,6 +192,7 @@ def _resolve(A, tolerance, lo, hi, W):
                 for c in range(4):
                     W[p, CHAIN + c] = W[p, CHAIN + 4 + c]
         h *= min(4.0, max(0.2, 0.9 * (tolerance / max(error, 1e-30)) ** 0.2))
+    return steps
 
 
 @jit

@@ -4,7 +4,6 @@ what is least known of λ; and its files."""
 from __future__ import annotations
 
 import itertools
-import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,9 +20,10 @@ from identification.diagnose.fitted import Fitted, with_known_noise
 from identification.diagnose.search import Searcher, Store
 from identification.experiment import Experiment
 from identification.experiment_file import infer_lines, model_lines
-from identification.files import ExperimentError, check_report, read_text
+from identification.files import check_report, holds_out
 from identification.fit import Progress
 from identification.linear_algebra import on_one_thread
+from identification.schema import read_json
 from identification.toml_file import toml_text
 from identification.unknowns import FIELDS
 
@@ -102,6 +102,7 @@ class Design:
         return "\n".join([*lines, ""])
 
 
+@holds_out
 @on_one_thread
 def design(
     experiment: Experiment,
@@ -163,18 +164,12 @@ def _asked(experiment: Experiment, between: Sequence[str], diagnosis: str | Path
     sets = tuple(dict.fromkeys(tuple(sorted({*text.split("+")})) for text in between))
     if diagnosis is not None:
         path = Path(diagnosis) / "diagnosis.json"
-        try:
-            found = json.loads(read_text(path)[0])
-            certain = tuple(step["effect"] for step in found["steps"])
-            equivalent = tuple(tuple(names) for names in found["equivalent"])
-            each = frozenset(itertools.chain(certain, *equivalent)) - {*found["alike"]}
-            gone, inputs = [*found["taken_out"]], found["inputs"]
-        except (ValueError, KeyError, TypeError) as problem:
-            if isinstance(problem, ExperimentError):
-                raise
-            raise ValueError(
-                f"{path}: not a diagnosis by this version; name the folder that cradle diagnose wrote, or run it again"
-            ) from None
+        remedy = "not a diagnosis by this version; name the folder that cradle diagnose wrote, or run it again"
+        found = read_json(path, "diagnosis", remedy)
+        certain = tuple(step["effect"] for step in found["steps"])
+        equivalent = tuple(tuple(names) for names in found["equivalent"])
+        each = frozenset(itertools.chain(certain, *equivalent)) - {*found["alike"]}
+        gone, inputs = [*found["taken_out"]], found["inputs"]
         if inputs != experiment.digest:
             raise ValueError(f"{path}: of another experiment, or of other data; diagnose this one first")
         for name in reversed(gone):  # what requires another comes after it

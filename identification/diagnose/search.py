@@ -22,6 +22,7 @@ from identification.fingerprint import program
 from identification.fit import Progress, bounds, cost, early_rows, find_mode, refine, refined_from, training_rows
 from identification.likelihood import Likelihood
 from identification.rough import among_modes, polish
+from identification.schema import read_json
 
 #: Strengths at which a search starts, in scales of the parameter: from as good as none, which is no worse than without.
 _FACTORS = (0.01, 0.1, 1.0, 3.0)
@@ -49,11 +50,8 @@ class Store:
         self.path, self.inputs, self.points = path, inputs, {}
         self._writing = threading.Lock()
         if path is not None and path.is_file():
-            try:
-                known = json.loads(path.read_text(encoding="utf-8"))
-                data, points = known["inputs"].partition("/")[2], known["points"]
-            except (ValueError, KeyError, TypeError, AttributeError):
-                return  # broken: begin anew
+            known = read_json(path, "fits", "remove it to begin anew, or choose another --out")
+            data, points = known["inputs"].partition("/")[2], known["points"]
             if data != inputs.partition("/")[2]:
                 raise ExperimentError(
                     f"{path}: holds the fits of another experiment, or with another seed, which would be lost; "

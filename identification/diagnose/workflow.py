@@ -18,10 +18,12 @@ from identification.diagnose.search import Searcher, Store
 from identification.diagnose.simpler import said, simpler
 from identification.diagnose.slips import check_slips
 from identification.experiment import Experiment
+from identification.files import holds_out
 from identification.fit import Progress
 from identification.linear_algebra import on_one_thread
 
 
+@holds_out
 @on_one_thread
 def diagnose(
     experiment: Experiment,

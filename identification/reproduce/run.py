@@ -20,6 +20,7 @@ from cradle_env.errors import check_range, unknown_key
 from identification.files import (
     ExperimentError,
     check_own,
+    holds_out,
     json_text,
     read_text,
     stamped,
@@ -42,6 +43,7 @@ _STAMP = "figure.json"
 _CLAIMS = ("claims.json", "claims.md")
 
 
+@holds_out
 def reproduce(
     out: Path,
     only: Sequence[str] = (),
@@ -111,7 +113,7 @@ def _with_needs(names: Iterable[str], figures: Mapping[str, Figure]) -> list[str
 
 def _stamp(folder: Path) -> dict[str, Any]:
     """What the stamp of a figure's folder says: its files, and "inputs" where it is finished; empty where none is."""
-    return stamped(folder / _STAMP, FORMAT) or {}
+    return stamped(folder / _STAMP, FORMAT, "figure") or {}
 
 
 def _check_folder(folder: Path, written: Iterable[str] = ()) -> None:

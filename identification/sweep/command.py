@@ -13,7 +13,7 @@ import numpy as np
 
 from cradle_env import __version__
 from cradle_env.cradle import Cradle, Release
-from identification.files import check_own, write_listed
+from identification.files import check_own, holds_out, write_listed
 from identification.results import cradle_values, release_values
 from identification.style import png
 from identification.sweep import explore
@@ -71,6 +71,7 @@ def numbers(at: str, text: str) -> np.ndarray:
     return np.geomspace(low, high, many) if ranged != text else np.linspace(low, high, many)
 
 
+@holds_out
 def run(
     cradle: Cradle,
     release: Release,

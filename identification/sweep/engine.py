@@ -17,6 +17,7 @@ import numpy as np
 from cradle_env.cradle import Cradle, Release
 from cradle_env.errors import check_range
 from cradle_env.simulation import InterruptedRun, SimulationError, Threads, simulate
+from identification.files import holds_out
 from identification.sweep.grid import Grid, built
 from identification.sweep.quantities import Quantity, chosen
 from identification.sweep.store import DONE, Plan, Store, Swept, row_type
@@ -28,6 +29,7 @@ if TYPE_CHECKING:
 _TASK, _IN_FLIGHT = 8, 256
 
 
+@holds_out
 def sweep(
     grid: Grid,
     quantities: Sequence[str | Quantity] = ("lambda",),

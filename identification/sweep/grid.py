@@ -12,7 +12,7 @@ import numpy as np
 
 from cradle_env.cradle import Cradle, Release
 from cradle_env.effects import effect
-from cradle_env.errors import unknown_key
+from cradle_env.errors import one_line, unknown_key
 from identification.unknowns import FIELDS
 
 #: Unit and symbol of what can be swept beside the numbers of Cradle and "effect.key".
@@ -130,7 +130,7 @@ def _checked(name: str, values: Any) -> np.ndarray:
     try:
         column = np.array(values, dtype=float)
     except (TypeError, ValueError):
-        raise ValueError(f"the values of {name} are {values!r}; give a list of numbers") from None
+        raise ValueError(f"the values of {name} are {one_line(values)}; give a list of numbers") from None
     if column.ndim != 1 or len(column) == 0 or not np.all(np.isfinite(column)):
         raise ValueError(f"the values of {name} must be a list of finite numbers, not empty")
     return column

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import json
 import os
 import re
 from collections import Counter
@@ -18,6 +17,7 @@ from cradle_env import __version__
 from cradle_env.effects import effect
 from identification.files import json_text, write_together
 from identification.fingerprint import fingerprint, program
+from identification.schema import read_json
 from identification.sweep.grid import Grid
 from identification.sweep.quantities import Quantity
 
@@ -81,25 +81,31 @@ class Store:
 
     def _begin(self) -> None:
         temporary = self.rows.with_name(".runs.npy.part")
+        temporary.unlink(missing_ok=True)
         # The file is sparse: a million rows to come take no place yet.
         np.lib.format.open_memmap(temporary, mode="w+", dtype=self.dtype, shape=(self.count,))
         os.replace(temporary, self.rows)
 
     def _resume(self) -> None:
-        try:
-            found = json.loads(self._plan.read_text(encoding="utf-8"))
-            same = found["inputs"] == self._digest
-            self.reasons = [(int(at), str(reason)) for at, reason in found["reasons"]]
-        except (ValueError, KeyError, TypeError):
-            raise ValueError(f"{self._plan} is damaged; name another --out, or remove it to start over") from None
-        if not same:
+        found = read_json(self._plan, "sweep-plan", "it is damaged; name another --out, or remove it to start over")
+        if found["inputs"] != self._digest:
             raise ValueError(f"{self._plan} is that of another sweep, or of another version; name another --out")
+        self.reasons = [(at, reason) for at, reason in found["reasons"]]
+        if self.rows.exists():
+            self._check_rows()
+
+    def _check_rows(self) -> None:
+        remedy = f"name another --out, or remove both it and {self._plan}"
+        if self.rows.is_symlink() or not self.rows.is_file():
+            raise ValueError(f"{self.rows} is a link or no file, and would be written to; {remedy}")
         try:
-            whole = not self.rows.exists() or self.open().shape == (self.count,)
-        except (OSError, ValueError):
-            whole = False
-        if not whole:
-            raise ValueError(f"{self.rows} is damaged; name another --out, or remove both it and {self._plan}")
+            rows = self.open()
+            whole = rows.shape == (self.count,) and rows.dtype == self.dtype
+            known = max((int(rows[k : k + BLOCK]["status"].max()) for k in range(0, self.count, BLOCK)), default=0)
+        except (OSError, ValueError, EOFError, SyntaxError, MemoryError):
+            whole, known = False, 0
+        if not whole or known >= IMPOSSIBLE + len(self.reasons):
+            raise ValueError(f"{self.rows} is damaged; {remedy}")
 
     def _write_plan(self) -> None:
         content = {"format": FORMAT, "version": __version__, "inputs": self._digest, "reasons": self.reasons}
@@ -129,9 +135,13 @@ class Store:
         """Takes down the rows (n,) of the points (n,), and why some, by their place among them, are impossible."""
         for k, problem in problems.items():
             rows["status"][k] = IMPOSSIBLE + self._reason(int(indices[k]), problem)
-        stored = self.open("r+")
-        for name in self.dtype.names or ():  # the status last
-            stored[name][indices] = rows[name]
+        # Not through a mapping of the file: where the disk is full, that kills the process. Of a row the status is
+        # written last.
+        begin: int = self.open().offset  # type: ignore[attr-defined]  # of a memmap
+        with self.rows.open("rb+") as file:
+            for stretch in np.split(np.arange(len(indices)), np.flatnonzero(np.diff(indices) != 1) + 1):
+                file.seek(begin + int(indices[stretch[0]]) * self.dtype.itemsize)
+                file.write(rows[stretch].tobytes())
 
     def _reason(self, index: int, problem: str) -> int:
         """The number of a kind of reason, whatever the values that it names; the first point is kept as its example."""

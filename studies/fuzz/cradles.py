@@ -51,9 +51,7 @@ def draw(rng: np.random.Generator) -> Case:
     if rng.random() < 0.2:
         fields["restitution"] = float(rng.uniform(0.0, 1.0))
     delta = [0.0, float(rng.normal(0.0, 0.01)), float(rng.uniform(-0.9, 3.0))][rng.choice(3, p=[0.4, 0.5, 0.1])]
-    fields["delta"] = (
-        delta if rng.random() < 0.8 else tuple(delta + 0.003 * rng.standard_normal(bobs - 1))
-    )
+    fields["delta"] = delta if rng.random() < 0.8 else tuple(delta + 0.003 * rng.standard_normal(bobs - 1))
     held = set(MODELS[fields["model"]])
     effects = {}
     for effect in CATALOGUE:
@@ -61,7 +59,11 @@ def draw(rng: np.random.Generator) -> Case:
             effects[effect.name] = _values(rng, effect, bobs)
     fields["effects"] = effects
     angle = float(rng.choice([0.228, rng.uniform(-1.5, 1.5), rng.normal(0.0, 0.1)]))
-    release = {"angle": angle, "bobs": int(rng.integers(1, bobs + 1)), "start": str(rng.choice(["unstretched", "hanging"]))}
+    release = {
+        "angle": angle,
+        "bobs": int(rng.integers(1, bobs + 1)),
+        "start": str(rng.choice(["unstretched", "hanging"])),
+    }
     if rng.random() < 0.15:
         release = {"angles": {int(i): float(rng.uniform(-0.5, 0.5)) for i in rng.choice(bobs, 1 + bobs // 4) + 1}}
     return Case(fields, release)
