@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-import tomllib
 from collections.abc import Mapping
 from pathlib import Path
 from types import MappingProxyType
@@ -15,15 +14,17 @@ from cradle_env import hdf5_files
 from cradle_env.cradle import CRADLE_NUMBERS
 from cradle_env.effects import MODELS, effect
 from cradle_env.errors import one_line, unknown_key
+from cradle_env.toml_reader import MOST_CHARACTERS, parse_toml
 
 
 def read_model(path: Path) -> tuple[str, dict[str, dict[str, float]]]:
     """(base, effects) of the [model] table of a TOML file; ValueError, naming file and key, if it is not one."""
     try:
-        content = tomllib.loads(path.read_text(encoding="utf-8-sig"))
+        with path.open(encoding="utf-8-sig") as file:
+            content = parse_toml(file.read(MOST_CHARACTERS + 1))
     except OSError as error:
         raise ValueError(f"{path}: {error.strerror or error}; name a TOML file with a [model] table") from None
-    except (ValueError, RecursionError) as error:  # RecursionError: tables nested too deep
+    except ValueError as error:
         raise ValueError(f"{path} is no TOML file: {error}") from None
     model = content.get("model")
     if not isinstance(model, dict):

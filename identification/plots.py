@@ -16,7 +16,7 @@ from identification.posterior import Posterior, statistics
 from identification.run_plots import lambda_figure, prediction_figure, run_figure
 from identification.runs import Run
 from identification.style import BLACK, BLUE, GREY, ORANGE, RED, quiet_grid, styled
-from identification.wording import mathtext, ratio, rounding_of, shown, unit_mathtext
+from identification.wording import literal, mathtext, ratio, rounding_of, shown, unit_mathtext
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -129,7 +129,7 @@ def fit_figure(posterior: Posterior, draws: int = 100) -> Figure:
         end = times[-1]
         start = max(end - _CLOSE_UP_PERIODS * posterior.experiment.cradle.period, times[0])
         panel[0].set(xlim=(run.times[0], run.times[-1]), ylabel=f"{mathtext(f'{_letter(run)}_{bob}')} [{unit}]")
-        panel[0].set_title(f"{run.file}: bob {bob}" if len(runs) > 1 else f"bob {bob}")
+        panel[0].set_title(f"{literal(run.file)}: bob {bob}" if len(runs) > 1 else f"bob {bob}")
         for axes in panel[1:]:
             axes.set_xlim(start, end)
         close = (run.times >= start) & (run.times <= end) & np.isfinite(less)
@@ -205,7 +205,7 @@ def residual_figure(posterior: Posterior) -> Figure:
         for level, dashes in ((0.0, "-"), (-2.0, "--"), (2.0, "--")):
             axes.axhline(level, color=BLACK, linewidth=0.7, linestyle=dashes)
         axes.set_xlim(run.times[0], run.times[-1])
-        name = f"{run.file}: " if len(runs) > 1 else ""
+        name = f"{literal(run.file)}: " if len(runs) > 1 else ""
         parts = ((train[k] & counted, ""), (held[k] & counted, " in the shaded part"))
         said = ", ".join(f"{ratio(rms(values[part]))}{where}" for part, where in parts if part.any())
         axes.set_title(f"{name}bob {bob}, RMS {said}")

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 import re
-import tomllib
 from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager
 from typing import Any
 
 from cradle_env.errors import unknown_key
+from cradle_env.toml_reader import parse_toml
 from identification.files import ExperimentError
 
 Address = tuple[str | int, ...]
@@ -28,10 +28,9 @@ class Table:
     def parse(cls, name: str, text: str) -> Table:
         """The whole of a file."""
         try:
-            return cls(name, text, tomllib.loads(text))
-        except (ValueError, RecursionError) as error:
-            reason = "tables nested too deep" if isinstance(error, RecursionError) else f"{error}"[:200]
-            raise ExperimentError(f"{name}: not valid TOML: {reason}; correct it there") from None
+            return cls(name, text, parse_toml(text))
+        except ValueError as error:
+            raise ExperimentError(f"{name}: not valid TOML: {str(error)[:200]}; correct it there") from None
 
     def where(self, *keys: str | int) -> str:
         """Where one entry stands: file, line n: table.key."""

@@ -9,6 +9,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from markupsafe import Markup
+
 _SUBSCRIPTS = str.maketrans("₀₁₂₃₄₅₆₇₈₉", "0123456789")
 _SUPERSCRIPTS = str.maketrans("0123456789-", "⁰¹²³⁴⁵⁶⁷⁸⁹⁻")
 
@@ -24,16 +26,22 @@ def _parts(symbol: str) -> tuple[str, str]:
     return letter, subscript.translate(_SUBSCRIPTS)
 
 
+def literal(text: str) -> str:
+    """A text from outside, such as the name of a file, as Matplotlib draws it letter by letter: no dollar begins
+    mathtext."""
+    return text.replace("$", r"\$")
+
+
 def mathtext(symbol: str) -> str:
     """A symbol as Matplotlib sets it: k_f with an index."""
     letter, subscript = _parts(symbol)
     return f"${letter}_{{\\mathrm{{{subscript}}}}}$" if subscript else f"${letter}$"
 
 
-def markup(symbol: str) -> str:
+def markup(symbol: str) -> Markup:
     """A symbol as HTML."""
-    letter, subscript = _parts(html.escape(symbol))
-    return f"<i>{letter}</i>" + (f"<sub>{subscript}</sub>" if subscript else "")
+    letter, subscript = _parts(symbol)
+    return Markup("<i>{}</i>").format(letter) + (Markup("<sub>{}</sub>").format(subscript) if subscript else "")
 
 
 def unit_mathtext(unit: str, exponent: int = 0) -> str:
@@ -44,12 +52,12 @@ def unit_mathtext(unit: str, exponent: int = 0) -> str:
     return f" [{inside}]" if inside else ""
 
 
-def unit_markup(unit: str, exponent: int = 0) -> str:
+def unit_markup(unit: str, exponent: int = 0) -> Markup:
     """A unit, times a power of ten, as HTML; empty for a plain number."""
     factor = f"10<sup>{minus(str(exponent))}</sup>" if exponent else ""
     power = lambda match: f"<sup>{minus(match[1])}</sup>"  # noqa: E731
     unit = "" if unit == "1" else re.sub(r"\^(-?[\d/]+)", power, html.escape(unit))
-    return " ".join(part for part in (factor, unit) if part)
+    return Markup(" ".join(part for part in (factor, unit) if part))
 
 
 def unit_plain(unit: str, exponent: int = 0) -> str:

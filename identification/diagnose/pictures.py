@@ -13,6 +13,7 @@ from identification.diagnose.law_shape import Shape
 from identification.diagnose.locate import Place
 from identification.fit import training_rows
 from identification.style import BLUE, GREEN, GREY, ORANGE, RED, quiet_grid, styled
+from identification.wording import literal
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -64,7 +65,9 @@ def map_figure(examined: Examined) -> Figure:
         axes.set_yticks(range(len(labels)), labels)
         axes.set_ylim(len(labels) - 0.5, -0.5)
         axes.set_xlabel("time [s]")
-        axes.set_title(f"{examined.fitted.experiment.runs[k].file}: dots are beyond what chance gives one scan in 20")
+        axes.set_title(
+            f"{literal(examined.fitted.experiment.runs[k].file)}: dots are beyond what chance gives one scan in 20"
+        )
     if image is not None:
         figure.colorbar(image, ax=list(grid), label="−log$_{10}$ p of a place", extend="max", fraction=0.04)
     return figure
@@ -91,7 +94,7 @@ def energy_figure(diagnosis: Diagnosis) -> Figure:
             )  # fmt: skip
         axes.set_xlabel("time [s]")
         axes.set_ylabel("energy of data\nless model [µJ]")
-        axes.set_title(diagnosis.experiment.runs[run].file)
+        axes.set_title(literal(diagnosis.experiment.runs[run].file))
         axes.legend()
         quiet_grid(axes)
     return figure

@@ -115,7 +115,7 @@ def _unseen(diagnosis: Diagnosis) -> dict[str, Any]:
             bar = "" if one_sided(one.parameter) else "|"
             rounding = Rounding.of(one.limit, 0.1 * abs(one.limit))
             rows.append({
-                "name": name, "symbol": f"{bar}{markup(one.parameter.symbol)}{bar}",
+                "name": name, "symbol": bar + markup(one.parameter.symbol) + bar,
                 "sign": "≥" if least else "≤", "limit": rounding.text(abs(one.limit)),
                 "unit": unit_markup(one.parameter.unit, rounding.exponent),
                 "moves": [minus(f"{move:+.1f}" if abs(move) < _MANY else f"{math.copysign(_MANY, move):+.0f} or more")
