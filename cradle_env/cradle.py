@@ -26,6 +26,8 @@ POWER_LAW_SPEEDS = (0.02, 1.0)
 _LARGEST = 1e12
 #: Nothing of length, mass, radius or gravity is smaller, no gap wider, and no β beyond these.
 _SMALLEST, _WIDEST, _BETAS = 1e-9, 100.0, (1e-6, 1e3)
+#: The row of bobs in lengths of the strings at most: places are known to 1e-16 of the row.
+_LONGEST_ROW = 1e5
 #: Moduli [Pa] from that of a foam to a million times that of diamond.
 _MODULI = (1.0, 1e18)
 
@@ -98,6 +100,12 @@ class Cradle:
             put("power_law", (check_range("alpha", alpha, "", 0.0), check_range("n", n, "", 0.0)))
         put("delta", self._checked_delta())
         put("effects", self._checked_effects())
+        span = float(np.ptp(self.pivots))
+        if span > _LONGEST_ROW * self.length:
+            raise ValueError(
+                f"the bobs hang in a row of {span:.3g} m on strings of length {self.length:g} m; "
+                f"it must be at most {_LONGEST_ROW:g} times as long, or rounding hides the motion"
+            )
 
     def _checked_delta(self) -> float | tuple[float, ...]:
         if isinstance(self.delta, Sequence | np.ndarray) and np.ndim(self.delta) > 0:

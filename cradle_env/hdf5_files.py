@@ -67,7 +67,7 @@ def _numbers(parent: Any, name: str, shape: tuple[int | None, ...] | None) -> np
         raise UnreadableError(f"{_where(parent, name)} is no array of numbers")
     if found.is_virtual or found.external:
         raise UnreadableError(f"{_where(parent, name)} takes its numbers from another file; only its own are read")
-    if found.shape is None or found.size * 8 > _LARGEST:
+    if found.shape is None or int(found.size or 0) * 8 > _LARGEST:
         raise UnreadableError(
             f"{_where(parent, name)} has shape {found.shape}; {_LARGEST // 8} numbers are read at most"
         )

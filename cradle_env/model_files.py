@@ -72,7 +72,7 @@ def _posterior(path: str, _changed: float) -> Mapping[str, np.ndarray]:
             }
     except hdf5_files.UnreadableError as problem:
         raise ValueError(
-            f"{path} is no posterior of a calibration ({problem}); name the posterior.nc that one has written"
+            f"{path} is no posterior of a calibration; name the posterior.nc that one has written ({problem})"
         ) from None
     if not draws:
         raise ValueError(f"{path} holds no parameter of a cradle")

@@ -176,9 +176,8 @@ def calibrate(
     def sampled() -> str:
         from identification.sample import steps_kept
 
-        count = steps_kept(out / "chain.h5")
-        kept = f"{count} steps are kept in {out / 'chain.h5'}" if count else "no step was sampled yet"
-        return f"{kept}; the same command goes on"
+        file = out / "chain.h5"
+        return f"{steps_kept(file) or 'no'} steps are kept in {file}; the same command goes on"
 
     with _kept(out, sampled):
         return commands.calibrate(experiment, out, steps, max_steps, seed, workers)

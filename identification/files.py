@@ -106,9 +106,11 @@ def working_in(folder: Path) -> Iterator[None]:
                 file.write_text(f"{os.getpid()} on {socket.gethostname()}\n", encoding="utf-8")
         yield
     finally:
+        if lock.lock_counter == 1:
+            with suppress(OSError):  # where a file that is open cannot be removed, it stays, and locks nothing
+                file.unlink()
         lock.release()
-        if made and not lock.is_locked and [*folder.iterdir()] == [file]:
-            file.unlink()
+        if made and not lock.is_locked and not any(folder.iterdir()):
             for place in made:
                 place.rmdir()
 

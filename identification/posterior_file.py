@@ -47,9 +47,9 @@ def write_posterior(posterior: Posterior, path: Path) -> Path:
 
 def _group(file: Any, name: str, chains: int, draws: int) -> Any:
     group = file.create_group(name)
-    group.dimensions = dict(zip(_DIMENSIONS, (chains, draws), strict=True))
-    for dimension, count in group.dimensions.items():
-        group.create_variable(dimension, (dimension,), data=np.arange(count.size))
+    for dimension, count in zip(_DIMENSIONS, (chains, draws), strict=True):
+        group.dimensions[dimension] = count
+        group.create_variable(dimension, (dimension,), data=np.arange(count))
     return group
 
 

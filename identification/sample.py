@@ -122,14 +122,15 @@ class Checkpoint:
             with hdf5_files.opened(self.path) as file:
                 known = hdf5_files.attributes(file)
                 check(known, "chain", self.path, _REMEDY)
-                if known["names"] == self.likelihood.names:
-                    self._check_arrays(file)
+                # Those of another experiment have other shapes, and are refused as such.
+                if known["names"] == self.likelihood.names and known["inputs"] == self.likelihood.experiment.digest:
+                    self._check_arrays(file, len(known["inflations"]))
         except hdf5_files.UnreadableError as problem:
             raise ExperimentError(f"{problem}; {_REMEDY}") from None
         return known
 
-    def _check_arrays(self, file: Any) -> None:
-        D, W, runs = len(self.likelihood.unknowns), walkers_for(self.likelihood), self.likelihood.experiment.runs
+    def _check_arrays(self, file: Any, runs: int) -> None:
+        D, W = len(self.likelihood.unknowns), walkers_for(self.likelihood)
         modes, jumps = hdf5_files.group(file, "modes"), hdf5_files.group(file, "jumps")
         if "0" not in modes or not all(name.isdigit() for name in modes):
             raise hdf5_files.UnreadableError(f"{self.path}: modes must be numbered by steps, from 0 on")
@@ -137,10 +138,11 @@ class Checkpoint:
             mode = hdf5_files.group(modes, name)
             for key, shape in (("point", (D,)), ("covariance", (D, D)), ("cost", ())):
                 hdf5_files.numbers(mode, key, shape)
-        for k, (run, rows) in enumerate(zip(runs, self.likelihood.rows, strict=True), 1):
-            if len(jumps) == 0:
-                break
-            of_run = hdf5_files.group(jumps, str(k))
+        if len(jumps) not in (0, runs):
+            raise hdf5_files.UnreadableError(f"{self.path}: jumps are of {len(jumps)} runs of {runs}")
+        for k in range(len(jumps)):
+            of_run = hdf5_files.group(jumps, str(k + 1))
+            run, rows = self.likelihood.experiment.runs[k], self.likelihood.rows[k]
             readings = int(np.count_nonzero(~np.isnan(run.readings[rows])))
             directions = hdf5_files.numbers(of_run, "directions", (readings, None))
             hdf5_files.numbers(of_run, "sizes", (directions.shape[1],))

@@ -58,8 +58,8 @@ from cradle_env.mechanics.strings import stretch, turn, unstretched
 
 # What a run can end with.
 DONE, FULL, STALLED, NOT_FINITE, NO_REST, PAUSED = 0, 1, 2, 3, 4, 5
-# Steps of single bobs after which a run returns to Python, which is deaf to Ctrl-C until then: about 0.4 s.
-MOST_FLOWN = 400_000
+# Steps of single bobs after which a run returns to Python, which is deaf to Ctrl-C until then: about 0.2 s.
+MOST_FLOWN = 200_000
 # So many events of each bob without this much progress [s] are a stall: N bobs that all but touch meet N²/2 times.
 _STALL_EVENTS, _STALL_TIME = 2000, 1e-2
 _FIRST = np.int64(0)

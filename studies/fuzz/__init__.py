@@ -1,0 +1,1 @@
+"""Tries to break the program: `python -m studies.fuzz`, or `make fuzz`."""
