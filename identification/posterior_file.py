@@ -20,7 +20,11 @@ from identification.posterior import FORMAT, Convergence, Gap, Posterior
 from identification.schema import check, parse
 from identification.unknowns import SEARCH
 
-_REMEDY = "it is no posterior of `cradle calibrate`"
+_REMEDY = "it is not a posterior of `cradle calibrate`"
+# Between what is sampled and what is written there are an exponential and a logarithm.
+_ROUNDING = 1e-9
+#: λ is the mean of ln(1/σ)/t from 1 s on where σ > 0.001: at most 7 1/s.
+_MOST_LAMBDA = 10.0
 # Walkers move by each other's positions: one ensemble is one chain, its draws step by step.
 _DIMENSIONS = ("chain", "draw")
 
@@ -92,10 +96,14 @@ def read_posterior(path: Path, workers: int | None = None) -> Posterior:
     def shaped(values: np.ndarray) -> np.ndarray:
         return values.reshape(len(values), -1, W)
 
+    if rates is not None and (np.abs(rates) > _MOST_LAMBDA).any():
+        raise ExperimentError(f"{path}: posterior/lambda holds values beyond {_MOST_LAMBDA:g} 1/s; {_REMEDY}")
     coordinates = []
     for u in likelihood.unknowns:
         values = found[u.name]
-        if not np.isfinite(values).all() or (u.log and not (values > 0.0).all()):
+        # Rounding of a logarithm may lead out of the bounds.
+        slack = _ROUNDING * np.maximum(np.abs(values), 1.0 if not u.log else 0.0)
+        if not ((values >= u.low - slack) & (values <= u.high + slack) & np.isfinite(values)).all():
             raise ExperimentError(f"{path}: posterior/{u.name} holds values that no chain reaches; {_REMEDY}")
         coordinates.append(shaped(np.log(values) if u.log else values))
     return Posterior(

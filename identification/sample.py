@@ -24,7 +24,7 @@ from identification.posterior import Convergence
 from identification.schema import check
 
 ENSEMBLES = 2
-_REMEDY = "it is no chain that can be resumed; remove it, or choose another --out"
+_REMEDY = "it is not a chain that can be resumed; remove it, or choose another --out"
 #: What a chain must reach before it is called converged.
 RHAT, ESS, TAUS = 1.01, 400.0, 50.0
 #: Seconds between checkpoints, about: what a kill can lose.
@@ -109,7 +109,7 @@ class Checkpoint:
                 f"{self.path}: holds chains of seed {known['seed']}, not {self.seed}; give that one, choose another "
                 "--out, or remove the file"
             )
-        if known["program"] != program(self.likelihood.experiment.cradle.composition):
+        if known.get("program") != program(self.likelihood.experiment.cradle.composition):
             raise ExperimentError(
                 f"{self.path}: holds chains by another version of the program, or of an effect from outside it;"
                 " go on with that one, choose another --out, or remove the file"

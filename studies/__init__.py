@@ -1,0 +1,1 @@
+"""Research programs beside the tests: each with its last results."""

@@ -169,7 +169,8 @@ def test_a_diagnosis_is_taken_over(plain, tmp_path, capsys):
     kept, out = tmp_path / "diagnosis", tmp_path / "out"
     kept.mkdir()
     found = {
-        "steps": [{"effect": "quadratic_drag"}], "equivalent": [["added_mass"], ["length_mismatch"]],
+        "format": "cradle-diagnosis/1", "steps": [{"effect": "quadratic_drag"}],
+        "equivalent": [["added_mass"], ["length_mismatch"]],
         "alike": [], "taken_out": ["radial_elasticity", "string_hysteresis"],
     }  # fmt: skip
     digest = Experiment.load(plain).digest

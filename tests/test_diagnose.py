@@ -295,8 +295,14 @@ def test_fits_of_other_inputs_are_not_used(tmp_path):
     for other in ("old/others/0", "old/data/1"):
         with pytest.raises(ValueError, match="of another experiment, or with another seed, which would be lost"):
             Store(tmp_path / "fits.json", other)
-    (tmp_path / "fits.json").write_text("broken", encoding="utf-8")
-    assert Store(tmp_path / "fits.json", "new/data/0").points == {}
+    for text, words in (
+        ("broken", "not valid JSON"),
+        ('{"inputs": "new/data/0"}', "points is missing"),
+        ('{"inputs": "new/data/0", "points": {"a": [null]}}', r"points\.a\[0\] is None; expected a number"),
+    ):
+        (tmp_path / "fits.json").write_text(text, encoding="utf-8")
+        with pytest.raises(ValueError, match=rf"fits\.json: {words}.*; remove it to begin anew"):
+            Store(tmp_path / "fits.json", "new/data/0")
 
 
 @pytest.mark.parametrize(("gap", "exhaust", "both"), [(1.01, True, True), (3.0, True, False), (1.01, False, False)])

@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+import os
 import re
 
 import numpy as np
@@ -319,12 +320,26 @@ def test_refusals_name_place_and_remedy(load, name):
         assert fragment in message, message
 
 
-def test_data_may_be_at_home(load, tmp_path, monkeypatch):
-    """The shell that makes ~ of it is not there when a file is read."""
-    (tmp_path / "home").mkdir()
-    (tmp_path / "home" / "run.csv").write_text(CSV)
-    monkeypatch.setenv("HOME", str(tmp_path / "home"))
-    assert load(TOML.replace('"run1.csv"', '"~/run.csv"')).runs[0].readings.shape == load(TOML).runs[0].readings.shape
+@pytest.mark.parametrize("name", ["~/run.csv", "../run.csv", "sub/../../run.csv", "{outside}", "C:run.csv", "link.csv"])
+def test_an_experiment_names_no_file_outside_its_folder(load, tmp_path, name):
+    """One from somebody else could otherwise read whatever its reader may read."""
+    outside = tmp_path.parent / f"{tmp_path.name}-outside.csv"
+    outside.write_text(CSV)
+    load(TOML)
+    (tmp_path / "link.csv").symlink_to(outside)
+    with pytest.raises(ExperimentError, match=r"line \d+: run\[1\]\.file: .*(copy it there|copy it here)"):
+        load(TOML.replace('"run1.csv"', f'"{name.format(outside=outside)}"'))
+
+
+@pytest.mark.parametrize("name", ["pipe.csv", "folder.csv", "loop.csv"])
+def test_an_experiment_names_no_device(load, tmp_path, name):
+    """A pipe without a writer would hang for ever."""
+    load(TOML)
+    os.mkfifo(tmp_path / "pipe.csv")
+    (tmp_path / "folder.csv").mkdir()
+    (tmp_path / "loop.csv").symlink_to(tmp_path / "loop.csv")
+    with pytest.raises(ExperimentError, match=r"run\[1\]\.file: .*name the data to read"):
+        load(TOML.replace('"run1.csv"', f'"{name}"'))
 
 
 def test_missing_files_and_folders_are_refused(tmp_path):

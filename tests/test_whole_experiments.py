@@ -257,12 +257,16 @@ def test_a_scaffold_overwrites_only_when_told(tmp_path):
     data = tmp_path / "data.csv"
     data.write_text("t,theta_1,theta_2\n0,0,0.2\n1,0.1,0.1\n", encoding="utf-8")
     path = scaffold(data, tmp_path / "sub" / "mine.toml")
-    assert Experiment.load(path).runs[0].file == "../data.csv"
+    assert Experiment.load(path).runs[0].file == "data.csv"
+    assert path.with_name("data.csv").read_bytes() == data.read_bytes()
     with pytest.raises(ExperimentError, match="exists already"):
         scaffold(data, path)
     assert scaffold(data, path, overwrite=True) == path
     written = path.read_text(encoding="utf-8")
     data.write_text("t,x_2\n0,10\n1,-1\n", encoding="utf-8")
+    with pytest.raises(ExperimentError, match="exists already, and is not a copy"):
+        scaffold(data, path, overwrite=True)
+    path.with_name("data.csv").unlink()
     with pytest.raises(ExperimentError, match=r"x_2 \[mm\]"):
         scaffold(data, path, overwrite=True)
     assert path.read_text(encoding="utf-8") == written
