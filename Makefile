@@ -1,6 +1,7 @@
 #   make demo     simulate a cradle, then calibrate an example experiment
 #   make test     the tests
 #   make slow     the tests that take minutes
+#   make fuzz     try to break the program; about an hour, results in studies/fuzz/results.md
 #   make lint     style, types, and who may import whom
 #   make clean    remove what these made
 # Whichever comes first makes a virtual environment, with PYTHON=... if given. JOBS=... sets the test workers.
@@ -16,7 +17,7 @@ INSTALL := $(BIN)/python -m pip install -qq --disable-pip-version-check --no-com
 # An environment whose interpreter has been removed or upgraded away starts over.
 $(if $(realpath $(BIN)/python),,$(shell rm -rf $(VENV)))
 
-.PHONY: demo test slow lint clean
+.PHONY: demo test slow fuzz lint clean
 .NOTPARALLEL:
 
 demo: $(VENV)/.installed
@@ -27,6 +28,9 @@ test: $(VENV)/.installed-dev
 
 slow: $(VENV)/.installed-dev
 	$(PYTEST) -m slow
+
+fuzz: $(VENV)/.installed-dev
+	$(BIN)/python -m studies.fuzz
 
 lint: $(VENV)/.installed-dev
 	$(BIN)/ruff check

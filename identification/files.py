@@ -172,7 +172,7 @@ def write_listed(
         pending = write_json(_pending(folder, stamp), {key: content[key] for key in ("format", "files")})
         write_together(folder, {**files, stamp: json_text(content)})
         pending.unlink()
-        remove_leftovers(folder, (*files, stamp))
+        remove_leftovers(folder, (*files, stamp, pending.name))
     return content
 
 

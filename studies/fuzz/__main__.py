@@ -14,11 +14,11 @@ from cradle_env import __version__
 from studies.fuzz import cradles, files, kills
 
 _METHODS = (
-    """- A bent file is a sound one, of two bobs over 4 s, that is changed in one to three places: text by lines, words and
-  bytes, HDF5 by members, attributes, links and bytes. It must be read, or refused by a ValueError of one line, within
-  20 s, and no file may appear or go.""",
-    """- A command that is killed at a random moment is started again in the same folder. Its end must be that of a command
-  left alone: the same exit status, the same files, the same numbers.""",
+    """- A bent file is a sound one, of two bobs over 4 s, that is changed in one to three places: text by lines, words
+  and bytes, HDF5 by members, attributes, links and bytes. It must be read, or refused by a ValueError of one line,
+  within 20 s, and no file may appear or go.""",
+    """- A command that is killed at a random moment is started again in the same folder. Its end must be that of a
+  command left alone: the same exit status, the same files, the same numbers.""",
     f"""- A random cradle has 1 to 200 bobs, any effects, and numbers from their whole allowed ranges. It runs for
   {cradles.DURATION:g} s, or less where these take more than 2 million steps of a bob. It runs, is refused (ValueError),
   is stopped (SimulationError), or takes more than 10 s: then it is interrupted, and judged over half of what it
@@ -42,28 +42,35 @@ def main() -> int:
     def tell(text: str) -> None:
         print(f"{time.monotonic() - began:6.0f} s  {text}", flush=True)
 
+    def write() -> None:
+        asked.out.write_text(_page(asked, rows, broken), encoding="utf-8")
+
     with tempfile.TemporaryDirectory() as folder:
         sound, scratch = Path(folder) / "sound", Path(folder) / "scratch"
         scratch.mkdir()
         with contextlib.redirect_stdout(None):
             files.make_sound(sound)
-        counts, found = files.fuzz(asked.files, asked.seed, sound, scratch, tell)
+        counts, found = files.fuzz(asked.files, asked.seed, sound, scratch, tell) if asked.files else ({}, [])
         broken += found
         for name, count in counts.items():
-            rows.append(
-                (f"bent {name}", count.total(), f"{count['read']} read, {count['refused']} refused", count["broken"])
-            )
-        tallies, found = kills.fuzz(asked.kills, asked.seed, sound, scratch, tell)
-        broken += found
-        for name, tally in tallies.items():
-            bad = sum(text.startswith(name) for text in found)
+            told = f"{count['read']} read, {count['refused']} refused"
+            rows.append((f"bent {name}", count.total(), told, count["broken"]))
+        write()
+        for name in kills.COMMANDS if asked.kills else ():
+            tally, found = kills.fuzz(name, asked.kills, asked.seed, sound, scratch)
+            broken += found
             told = f"{tally.finished} ended as without kills ({tally.seconds:.0f} s each)"
-            rows.append((f"kill -9 of {name}", tally.killed, told, bad))
-    count, found, deafest = cradles.fuzz(asked.cradles, asked.seed, tell)
-    broken += found
-    told = ", ".join(f"{count[kind]} {kind}" for kind in ("ran", "refused", "stopped", "interrupted"))
-    rows.append(("random cradles", count.total(), f"{told}; Ctrl-C heard after {deafest:.2f} s at most", len(found)))
-    asked.out.write_text(_page(asked, rows, broken), encoding="utf-8")
+            rows.append((f"kill -9 of {name}", tally.killed, told, len(found)))
+            tell(f"{name}: {tally}, {len(found)} broken")
+            write()
+    if asked.cradles:
+        count, found, deafest = cradles.fuzz(asked.cradles, asked.seed, tell)
+        broken += found
+        told = ", ".join(f"{count[kind]} {kind}" for kind in ("ran", "refused", "stopped", "interrupted"))
+        rows.append(
+            ("random cradles", count.total(), f"{told}; Ctrl-C heard after {deafest:.2f} s at most", len(found))
+        )
+    write()
     print(asked.out.read_text(encoding="utf-8"))
     return 1 if broken else 0
 
