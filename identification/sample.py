@@ -154,6 +154,8 @@ class Checkpoint:
             known = hdf5_files.attributes(ensemble)
             check(known, "chain-ensemble", f"{self.path}: {name}", _REMEDY)
             if known["iteration"]:
+                if known.get("has_blobs") is not True:
+                    raise hdf5_files.UnreadableError(f"{self.path}: {name}.has_blobs is not true: λ is missing")
                 steps = len(hdf5_files.numbers(ensemble, "chain", (None, W, D)))
                 hdf5_files.numbers(ensemble, "log_prob", (steps, W))
                 hdf5_files.numbers(ensemble, "blobs", (steps, W))

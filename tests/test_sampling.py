@@ -196,6 +196,14 @@ def test_chains_that_know_nothing_of_jumps_are_refused(tmp_path):
         Checkpoint(tmp_path / "chain.h5", Gaussian(), 0).exists()
 
 
+def test_chains_that_deny_their_blobs_are_refused(tmp_path):
+    chains(tmp_path, 60)
+    with h5py.File(tmp_path / "chain.h5", "a") as file:
+        file["ensemble_1"].attrs["has_blobs"] = False
+    with pytest.raises(ExperimentError, match=r"ensemble_1\.has_blobs is not true"):
+        Checkpoint(tmp_path / "chain.h5", Gaussian(), 3).exists()
+
+
 def test_a_half_written_stretch_is_ignored(tmp_path):
     """What a kill leaves behind: the working copy, cut short."""
     chains(tmp_path, 60)
