@@ -18,7 +18,7 @@ from cradle_env.simulation import SimulationError, steps_needed
 #: Simulated time of each [s], less where that takes more than so many steps of single bobs; and how long a run may
 #: take before it is interrupted [s].
 DURATION, _MOST_STEPS, _PATIENCE = 10.0, 2e6, 10.0
-#: The longest time between two moments at which Ctrl-C is heard [s]: the issue asks for one second.
+#: The longest time for which a run may not hear Ctrl-C [s].
 DEAF = 1.0
 #: How much the energy ledger may drift, of the energy of a swing or of the largest change in the ledger. Samples within
 #: a step are interpolated, to 1e-5 or so; where attraction rivals gravity, to 6e-4. A wrong force, or an impact that is
