@@ -28,6 +28,9 @@ _LARGEST = 1e12
 _SMALLEST, _WIDEST, _BETAS = 1e-9, 100.0, (1e-6, 1e3)
 #: The row of bobs in lengths of the strings at most: places are known to 1e-16 of the row.
 _LONGEST_ROW = 1e5
+#: Largest k_f (m/2)^{-2/5} k_el^{-3/5} v^{1/5}, the damping of a contact that is followed in time, at v = √(g r0).
+#: From 100 on, its equations are too stiff for explicit steps and the motion diverges; up to 50 it does not.
+_MOST_DAMPED = 30.0
 #: Moduli [Pa] from that of a foam to a million times that of diamond.
 _MODULI = (1.0, 1e18)
 
@@ -100,11 +103,25 @@ class Cradle:
             put("power_law", (check_range("alpha", alpha, "", 0.0), check_range("n", n, "", 0.0)))
         put("delta", self._checked_delta())
         put("effects", self._checked_effects())
+        self._check_proportions()
+
+    def _check_proportions(self) -> None:
+        if self.pivot_half_spacing > _LONGEST_ROW * self.length:
+            raise ValueError(
+                f"pivot_half_spacing is {self.pivot_half_spacing:.3g} m on strings of length {self.length:g} m; "
+                f"it must be at most {_LONGEST_ROW:g} times as long, or rounding hides the motion"
+            )
         span = float(np.ptp(self.pivots))
         if span > _LONGEST_ROW * self.length:
             raise ValueError(
                 f"the bobs hang in a row of {span:.3g} m on strings of length {self.length:g} m; "
                 f"it must be at most {_LONGEST_ROW:g} times as long, or rounding hides the motion"
+            )
+        most = _MOST_DAMPED * (0.5 * self.mass) ** 0.4 * self.k_el**0.6 / (self.gravity * self.length) ** 0.1
+        if self.effects.get("contact_duration", {}).get("scale", 0.0) > 0.0 and self.k_f > most:
+            raise ValueError(
+                f"k_f is {self.k_f:.3g} N s/m^(3/2); with contact_duration it must be at most {most:.3g} N s/m^(3/2): "
+                "beyond, e is below 0.005 and contacts creep; take contact_duration out, impacts are plastic"
             )
 
     def _checked_delta(self) -> float | tuple[float, ...]:

@@ -3,6 +3,7 @@
 import html.parser
 import json
 import os
+import re
 import resource
 import signal
 import subprocess
@@ -346,6 +347,19 @@ def test_deep_or_long_descriptions_are_refused_at_once(tmp_path, text):
 def test_bobs_in_a_row_that_rounding_would_hide_are_refused():
     with pytest.raises(ValueError, match="rounding hides the motion"):
         Cradle(bobs=3, radius=1e7)
+    with pytest.raises(ValueError, match=r"pivot_half_spacing .* rounding hides the motion"):
+        Cradle(pivot_half_spacing=1e6, kappa=200.0)
+
+
+def test_overdamped_contacts_are_refused_before_they_diverge():
+    """The energy ledger closes up to the bound on k_f; above it (at 3.4 times the bound) it gained 1e23 J."""
+    followed = {"contact_duration": {"scale": 1.0}}
+    with pytest.raises(ValueError, match=r"must be at most (.+?) N s") as refused:
+        Cradle(bobs=2, k_f=1e11, effects=followed)
+    most = float(re.findall(r"at most (\S+) N s", str(refused.value))[0])
+    run = simulate(Cradle(bobs=2, k_f=0.99 * most, effects=followed), Release(0.5), 2.0)
+    assert cradles.violations(run) == []
+    assert Cradle(bobs=2, k_f=1e11).k_f == 1e11  # instantaneous impacts have no such bound
 
 
 def test_random_cradles_obey_physics():

@@ -21,9 +21,10 @@ DURATION, _MOST_STEPS, _PATIENCE = 10.0, 2e6, 10.0
 #: The longest time for which a run may not hear Ctrl-C [s].
 DEAF = 1.0
 #: How much the energy ledger may drift, of the energy of a swing or of the largest change in the ledger. Samples within
-#: a step are interpolated, to 1e-5 or so; where attraction rivals gravity, to 6e-4. A wrong force, or an impact that is
-#: missed, makes a tenth and more.
+#: a step are interpolated, to 1e-5 or so; where attraction rivals gravity, to 6e-4; where it exceeds the weight, to
+#: 6e-3. A wrong force, or an impact that is missed, makes a tenth and more.
 _DRIFT = 1e-3
+_DRIFT_ATTRACTED = 1e-2
 #: How far bobs may overlap [radii], beyond what eq. 1 lets them in an impact that is followed in time.
 _OVERLAP = 1e-6
 
@@ -123,7 +124,9 @@ def violations(run: Trajectory) -> list[str]:
     scale, drift = max(float(np.ptp(parts, axis=1).max()), swing), float(np.ptp(energy.total))
     # The ledger sums numbers as large as the weight times the length, and rounds as they do.
     rounding = 1e3 * np.finfo(float).eps * float(np.abs(parts).max())
-    if drift > _DRIFT * scale and drift > rounding:
+    attraction = cradle.effects.get("bob_attraction", {"force": 0.0})["force"]
+    attracted = abs(attraction) > cradle.mass * cradle.gravity
+    if drift > (_DRIFT_ATTRACTED if attracted else _DRIFT) * scale and drift > rounding:
         found.append(f"the energy ledger drifts by {drift / scale:.1e} of {scale:.1e} J")
     overlap, allowed = _overlap(run)
     if overlap > allowed:
