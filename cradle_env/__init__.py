@@ -37,15 +37,15 @@ __all__ = [*_PUBLIC]
 if "NewtonCradle-v0" not in _registration.registry:
     _registration.register(
         "NewtonCradle-v0",
-        entry_point="cradle_env.env:NewtonCradleEnv",
-        vector_entry_point="cradle_env.vector_env:NewtonCradleVectorEnv",
+        entry_point="cradle_env.envs.newton_cradle:NewtonCradleEnv",
+        vector_entry_point="cradle_env.envs.vector:NewtonCradleVectorEnv",
         max_episode_steps=3600,
         reward_threshold=2.85,  # a spacer at rest returns up to 2.845, at δ = 0.095 and 0.05 rad
     )
 if "NewtonCradleRelease-v0" not in _registration.registry:
     _registration.register(
         "NewtonCradleRelease-v0",
-        entry_point="cradle_env.release_env:NewtonCradleReleaseEnv",
+        entry_point="cradle_env.envs.release:NewtonCradleReleaseEnv",
         reward_threshold=0.2,
     )
 

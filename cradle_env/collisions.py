@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
 def write_law(record: np.ndarray, cradle: Cradle) -> None:
     """Writes the law of a cradle's impacts into the record that the kernels read, (1,) of CRADLE."""
-    from cradle_env.mechanics import parameters as p
+    from cradle_env.mechanics import layout as p
 
     record["k_el"], record["k_f"], record["restitution"] = cradle.k_el, cradle.k_f, cradle.restitution
     record["alpha"], record["exponent"] = cradle.power_law or (0.0, 0.0)
@@ -23,9 +23,9 @@ def write_law(record: np.ndarray, cradle: Cradle) -> None:
 
 def _curve(cradle: Cradle, speeds: np.ndarray) -> np.ndarray:
     """(e, contact time [s]) of two bobs at each speed [m/s]; (len(speeds), 2)."""
-    from cradle_env.mechanics import parameters, restitution
+    from cradle_env.mechanics import layout, restitution
 
-    record, bobs = np.zeros(1, parameters.CRADLE), np.zeros(cradle.bobs, parameters.BOB)
+    record, bobs = np.zeros(1, layout.CRADLE), np.zeros(cradle.bobs, layout.BOB)
     write_law(record, cradle)
     for effect in cradle.composition:
         if effect.acts_on in ("bob", "contact") and effect.apply is not None:

@@ -12,9 +12,9 @@ import numpy as np
 
 from cradle_env.cradle import Cradle, InitialState, Release
 from cradle_env.errors import check_range
-from cradle_env.mechanics import events, restitution, start
-from cradle_env.mechanics import parameters as p
-from cradle_env.records import records
+from cradle_env.kernel_records import records
+from cradle_env.mechanics import event_loop, initial_state, restitution
+from cradle_env.mechanics import layout as p
 from cradle_env.trajectory import IMPACT, Trajectory
 
 # What may multiply the steps.
@@ -25,11 +25,11 @@ _MOST_SAMPLES, _MOST_BOB_SAMPLES = 1e7, 5e7
 MOST_STEPS, STEP_SECONDS = 1e9, 1e-6
 #: What a status other than DONE means.
 EXHAUSTED = {
-    events.STALLED: "more impacts at one instant than can be resolved",
-    events.NOT_FINITE: "the motion left the range of numbers",
-    events.NO_REST: "no common rest was found of bobs that press so hard on each other, or hang in a force as steep; "
-    "take fewer, or delta nearer 0",
-    events.PAUSED: "it takes more steps than are allowed; shorten it, or take a cradle that moves more slowly",
+    event_loop.STALLED: "more impacts at one instant than can be resolved",
+    event_loop.NOT_FINITE: "the motion left the range of numbers",
+    event_loop.NO_REST: "no common rest was found of bobs that press so hard on each other, or hang in a force as "
+    "steep; take fewer, or delta nearer 0",
+    event_loop.PAUSED: "it takes more steps than are allowed; shorten it, or take a cradle that moves more slowly",
 }
 
 
@@ -203,12 +203,12 @@ def prepare(cradle: Cradle, release: Release | InitialState, step_factor: float 
     c, bobs = records(cradle, step_factor)
     S, W = np.zeros((cradle.bobs, p.COLUMNS)), np.zeros((cradle.bobs, p.SCRATCH))
     if isinstance(release, Release):
-        overlap = start.at_rest(c[0], bobs, release.angles_of(cradle), release.start == "hanging", S, W)
+        overlap = initial_state.at_rest(c[0], bobs, release.angles_of(cradle), release.start == "hanging", S, W)
         check_rest(cradle, overlap)
         remedy = "lift the end bobs, outwards (angles are positive towards the last bob), or increase delta"
     else:
         theta, theta_dot, r, r_dot, ratio = _initial_arrays(cradle, release)
-        overlap = start.moving(c[0], bobs, theta, theta_dot, r, r_dot, ratio, S, W)
+        overlap = initial_state.moving(c[0], bobs, theta, theta_dot, r, r_dot, ratio, S, W)
         remedy = "give angles at which they hang side by side"
     if overlap > 1e-6:
         raise ValueError(f"bobs overlap by {overlap:.2g} m at the release; {remedy}")
@@ -255,10 +255,10 @@ def _run(
     energy = np.empty((len(times) if ledger else 0, n, 7))
     impacts, count = np.empty((max(256, 64 * n), 4)), 0
     while True:
-        status, count = events.run(c[0], bobs, table, S, W, end, times, motion, energy, impacts, count)
-        if status == events.FULL:
+        status, count = event_loop.run(c[0], bobs, table, S, W, end, times, motion, energy, impacts, count)
+        if status == event_loop.FULL:
             impacts = np.concatenate([impacts, np.empty_like(impacts)])
-        elif status == events.PAUSED and flown < MOST_STEPS:
+        elif status == event_loop.PAUSED and flown < MOST_STEPS:
             check_stop()
             flown += S[0, p.FLOWN]
             S[0, p.FLOWN] = 0.0
@@ -266,7 +266,7 @@ def _run(
                 progress(float(S[:, p.T0].min() / end))
         else:
             break
-    if status != events.DONE:
+    if status != event_loop.DONE:
         raise SimulationError(f"the run stopped at {S[:, p.T0].min():g} s of {end:g} s: {EXHAUSTED[status]}")
     rows = impact_rows(impacts[:count])
     theta, r, theta_dot, r_dot = np.moveaxis(motion, -1, 0)
@@ -285,7 +285,7 @@ def impact_rows(impacts: np.ndarray) -> np.ndarray:
 def check_rest(cradle: Cradle, found: float) -> None:
     """ValueError unless what the search for the bobs' rest has returned is finite."""
     if not np.isfinite(found):
-        raise ValueError(f"bobs is {cradle.bobs} at delta {np.min(cradle.delta):g}: {EXHAUSTED[events.NO_REST]}")
+        raise ValueError(f"bobs is {cradle.bobs} at delta {np.min(cradle.delta):g}: {EXHAUSTED[event_loop.NO_REST]}")
 
 
 def raised(cradle: Cradle, release: Release) -> Release:
@@ -293,7 +293,7 @@ def raised(cradle: Cradle, release: Release) -> Release:
     c, bobs = records(cradle)
     S, W = np.zeros((cradle.bobs, p.COLUMNS)), np.zeros((cradle.bobs, p.SCRATCH))
     scratch = np.zeros(cradle.bobs)
-    angle = start.lift(c[0], bobs, release.bobs, release.angle, release.start == "hanging", S, W, scratch)
+    angle = initial_state.lift(c[0], bobs, release.bobs, release.angle, release.start == "hanging", S, W, scratch)
     check_rest(cradle, angle)
     return dataclasses.replace(release, angle=angle)
 
@@ -302,7 +302,7 @@ def equilibrium(cradle: Cradle) -> tuple[np.ndarray, np.ndarray]:
     """(theta [rad], r [m]) of each bob at rest, none lifted, its strings on the virgin loading line; both (N,)."""
     c, bobs = records(cradle)
     S, W = np.zeros((cradle.bobs, p.COLUMNS)), np.zeros((cradle.bobs, p.SCRATCH))
-    check_rest(cradle, start.at_rest(c[0], bobs, np.full(cradle.bobs, np.nan), False, S, W))
+    check_rest(cradle, initial_state.at_rest(c[0], bobs, np.full(cradle.bobs, np.nan), False, S, W))
     x, z = S[:, p.START] - bobs["pivot"], S[:, p.START + 1]
     if not c["elastic"][0]:
         return S[:, p.START].copy(), bobs["length"].copy()

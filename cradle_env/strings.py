@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from cradle_env.cradle import Cradle
-from cradle_env.records import records
+from cradle_env.kernel_records import records
 
 
 def string_tension(cradle: Cradle, stretches: np.ndarray) -> np.ndarray:
@@ -14,7 +14,7 @@ def string_tension(cradle: Cradle, stretches: np.ndarray) -> np.ndarray:
     s is the string's length less its unstretched length; the path begins at s = 0 and may turn only at its points.
     Raises ValueError for a path below 0, where the string is slack.
     """
-    from cradle_env.mechanics import parameters as p
+    from cradle_env.mechanics import layout as p
     from cradle_env.mechanics.strings import follow
 
     path = np.ascontiguousarray(stretches, dtype=float)

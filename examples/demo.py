@@ -10,7 +10,7 @@ import sys
 import time
 from pathlib import Path
 
-from identification.cli import main as cradle
+from identification.cli.app import main as cradle
 
 ROOT = Path(__file__).resolve().parent
 sys.path.insert(0, str(ROOT))

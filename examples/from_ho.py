@@ -11,10 +11,10 @@ import argparse
 from pathlib import Path
 
 from identification import Experiment, diagnose
-from identification.diagnose.diagnosis import Diagnosis
-from identification.diagnose.report import save
-from identification.style import BLUE, GREEN, GREY, RED, png, quiet_grid, styled
-from identification.terminal import Progress
+from identification.diagnosis.report import save
+from identification.diagnosis.result import Diagnosis
+from identification.reporting.plot_style import BLUE, GREEN, GREY, RED, png, quiet_grid, styled
+from identification.reporting.terminal import Progress
 
 ROOT = Path(__file__).resolve().parent
 #: Last swings shown [s].

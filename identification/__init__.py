@@ -10,10 +10,10 @@ import importlib
 
 # Public names by the module that holds them: loaded when first asked for, so that the import stays light.
 _PUBLIC = {
-    "Experiment": "experiment",
-    "Posterior": "posterior",
-    "calibrate": "calibration",
-    "diagnose": "diagnose",
+    "Experiment": "experiment.experiment",
+    "Posterior": "inference.posterior",
+    "calibrate": "inference.calibration",
+    "diagnose": "diagnosis.workflow",
 }
 
 __all__ = [*_PUBLIC]

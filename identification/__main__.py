@@ -2,6 +2,6 @@
 
 import sys
 
-from identification.cli import main
+from identification.cli.app import main
 
 sys.exit(main())

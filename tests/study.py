@@ -270,8 +270,8 @@ class Oracle:
     noiseless training data."""
 
     def __init__(self, apparatus: Apparatus, scratch: Path):
-        from identification.diagnose.candidates import candidates
-        from identification.diagnose.score import sensitivities
+        from identification.diagnosis.selection.candidates import candidates
+        from identification.diagnosis.selection.score_test import sensitivities
 
         self.apparatus, self.scratch = apparatus, scratch
         tells = apparatus.settings.inflation * _ORACLE_RATE / apparatus.rate
@@ -308,7 +308,7 @@ class Oracle:
 
     def _refit_wrong(self, strengths: tuple[float, ...]) -> float:
         """χ² that the nearest of the wrong models leaves."""
-        from identification.diagnose.score import score
+        from identification.diagnosis.selection.score_test import score
 
         recording = self._record([*strengths])
         moved = self._moved(recording)
@@ -343,9 +343,9 @@ class Oracle:
 
 def at_the_truth(path: Path, truth: dict[str, float]):
     """A search over an experiment, and its base model at the true values."""
-    from identification.diagnose.fitted import Fitted, with_known_noise
-    from identification.diagnose.search import Searcher, Store, placed
-    from identification.experiment import Experiment
+    from identification.diagnosis.selection.search import Searcher, Store, placed
+    from identification.experiment.experiment import Experiment
+    from identification.inference.fit_result import Fitted, with_known_noise
 
     searcher = Searcher(Store(None, ""), 0, 1)
     likelihood = searcher.likelihood(with_known_noise(Experiment.load(path)))
@@ -355,7 +355,7 @@ def at_the_truth(path: Path, truth: dict[str, float]):
 def refitted_right(apparatus: Apparatus, strengths: list[float], searcher, base):
     """The right model, refitted from the truth."""
     from cradle_env.effects import effect
-    from identification.diagnose.candidates import with_effects
+    from identification.diagnosis.selection.candidates import with_effects
 
     truth = {
         name: {p.key: np.clip(values[p.key], p.low, p.high).tolist() for p in effect(name).parameters}
@@ -457,9 +457,10 @@ def judged(path: Path, out: Path, answer: dict) -> dict:
     to these very data. No advice is asked for, nor a report: nothing judges them here. Its seconds are those of the
     processor: a study shares its machine."""
     from identification.bench import diagnosis as bench
-    from identification.diagnose import diagnose, workflow
-    from identification.experiment import Experiment
-    from identification.files import json_text, write_together
+    from identification.diagnosis import workflow
+    from identification.diagnosis.workflow import diagnose
+    from identification.experiment.experiment import Experiment
+    from identification.storage.files import json_text, write_together
 
     began = time.process_time()
     with mock.patch.object(workflow, "_advice", lambda *_: None):

@@ -38,7 +38,7 @@ def chosen(rows: list[Row]) -> list[Row]:
 def again(case: Case, strengths: list[float]) -> list[Row]:
     """Errors over their standard deviations, and intervals, of one apparatus filmed again."""
     from identification.bench.diagnosis import errors
-    from identification.diagnose.intervals import intervals
+    from identification.diagnosis.uncertainty.intervals import intervals
 
     apparatus = Apparatus(case)
     clean, frames = apparatus.record(strengths, False), apparatus.settings.correlation_time(apparatus.rate)

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from identification.bench.diagnosis import judged, table
-from identification.files import json_text, write_together
+from identification.storage.files import json_text, write_together
 
 LENGTH, MASS, STEP = 0.30, 0.2813, 2e-4
 MODEL = """

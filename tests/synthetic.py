@@ -5,12 +5,12 @@ from pathlib import Path
 import numpy as np
 
 from cradle_env import Cradle, Release, simulate
-from identification.diagnose.fitted import Fitted, with_known_noise
-from identification.diagnose.search import Searcher, Store, placed
-from identification.experiment import Experiment
-from identification.likelihood import Likelihood
-from identification.posterior import Convergence, Gap, Posterior
-from identification.runs import ReleaseInfo, Run
+from identification.diagnosis.selection.search import Searcher, Store, placed
+from identification.experiment.experiment import Experiment
+from identification.experiment.run import ReleaseInfo, Run
+from identification.inference.fit_result import Fitted, with_known_noise
+from identification.inference.likelihood import Likelihood
+from identification.inference.posterior import Convergence, Gap, Posterior
 from tests.independent.laboratory import Recording
 from tests.study import SINGLES, Apparatus, Case, Settings
 

@@ -8,9 +8,9 @@ from scipy.integrate import DOP853, solve_ivp
 from scipy.special import ellipk
 
 from cradle_env import Cradle, Release, simulate
-from cradle_env.mechanics import dop853
+from cradle_env.mechanics import tableau
 from identification.bench import scipy_peer
-from identification.likelihood import STEP_FACTOR
+from identification.inference.likelihood import STEP_FACTOR
 
 ELASTIC = {"-string_hysteresis": {}}
 CONSTANT = {"-velocity_dependent_restitution": {}}
@@ -34,9 +34,9 @@ def peer(strings: str) -> tuple[np.ndarray, ...]:
 
 def test_the_coefficients_are_those_of_scipy() -> None:
     stages = DOP853.n_stages
-    np.testing.assert_array_equal(dop853.A, DOP853.A[:stages, :stages])
-    np.testing.assert_array_equal(dop853.B, DOP853.B)
-    np.testing.assert_array_equal(dop853.C, DOP853.C[:stages])
+    np.testing.assert_array_equal(tableau.A, DOP853.A[:stages, :stages])
+    np.testing.assert_array_equal(tableau.B, DOP853.B)
+    np.testing.assert_array_equal(tableau.C, DOP853.C[:stages])
 
 
 @STRINGS

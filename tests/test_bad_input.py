@@ -13,16 +13,17 @@ import numpy as np
 import pytest
 
 from cradle_env import effects
-from identification import Experiment, calibrate, terminal
-from identification.cli import main
-from identification.diagnose import workflow
-from identification.diagnose.agreement import check_agreement
-from identification.diagnose.checks import check_readings
-from identification.diagnose.course import examine
-from identification.diagnose.fitted import Fitted, with_known_noise
-from identification.diagnose.search import Searcher, Store
-from identification.diagnose.slips import check_slips
-from identification.likelihood import Likelihood
+from identification import Experiment, calibrate
+from identification.cli.app import main
+from identification.diagnosis import workflow
+from identification.diagnosis.data_checks.instrument_faults import check_slips
+from identification.diagnosis.data_checks.readings import check_readings
+from identification.diagnosis.data_checks.run_consistency import check_agreement
+from identification.diagnosis.selection.search import Searcher, Store
+from identification.diagnosis.stepwise import examine
+from identification.inference.fit_result import Fitted, with_known_noise
+from identification.inference.likelihood import Likelihood
+from identification.reporting import terminal
 from tests.independent.laboratory import Recording, drop_frames, lose_track, record, tracking_jump, write_experiment
 from tests.independent.soft_contact import SoftCradle
 

@@ -11,19 +11,19 @@ import numpy as np
 import pytest
 
 from cradle_env import Cradle, Release, simulate
-from identification import cli
-from identification.experiment import Experiment
-from identification.posterior import Posterior
-from identification.runs import ReleaseInfo
+from identification.cli import app
+from identification.cli import sweep_command as sweep_command
+from identification.experiment.experiment import Experiment
+from identification.experiment.run import ReleaseInfo
+from identification.inference.posterior import Posterior
 from identification.sweep import Grid
-from identification.sweep import command as sweep_command
 from tests.synthetic import made_up_posterior, simulated_run
 
 PNG_END = b"IEND\xaeB`\x82"
 
 
 def run(*arguments) -> int:
-    return cli.main([str(argument) for argument in arguments])
+    return app.main([str(argument) for argument in arguments])
 
 
 def refusal(capsys) -> str:
@@ -236,7 +236,7 @@ def test_simulate_beside_an_experiment_leaves_its_data(pair, tmp_path, capsys):
 
 
 def test_noise_that_no_simulation_resolves_is_refused_before_one_is_made(tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr("identification.commands.simulation", None)
+    monkeypatch.setattr("identification.cli.commands.simulation", None)
     assert run("simulate", "--experiment", "--noise", 1e-9, "--out", tmp_path) == 2
     assert "noise is 1e-09 rad; it must be at least 1e-07" in refusal(capsys)
 
@@ -257,8 +257,8 @@ def test_a_parameter_of_each_bob_is_given_as_a_list(tmp_path):
 
 
 def test_a_terminal_without_greek_is_no_error(tmp_path):
-    code = "import sys; from identification import cli; from identification.terminal import print_table as show\n"
-    code += "cli.app = lambda **_: show(['λ [1/s]'], [['δ = −0.1']])\nsys.exit(cli.main())"
+    code = "import sys; from identification.cli import app; from identification.reporting.terminal import print_table\n"
+    code += "app.app = lambda **_: print_table(['λ [1/s]'], [['δ = −0.1']])\nsys.exit(app.main())"
     environment = os.environ | {"PYTHONIOENCODING": "cp1252", "PYTHONUTF8": "0"}
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, env=environment)
     assert (done.returncode, done.stderr) == (0, b"") and b"? [1/s]" in done.stdout
@@ -447,7 +447,7 @@ def test_calibrate_from_end_to_end_with_one_bob(tmp_path, capsys):
 
 @pytest.mark.parametrize("converged", [True, False])
 def test_calibrate_ends_as_the_chains_do(converged, pair, tmp_path, monkeypatch, capsys):
-    from identification import calibration
+    from identification.inference import calibration
 
     posterior = made_up_posterior(pair, converged=converged)
     monkeypatch.setattr(calibration, "calibrate", lambda *_, **__: posterior)
@@ -469,7 +469,7 @@ def test_simulate_and_calibrate_leave_each_others_summary(pair, tmp_path, capsys
 
 
 def test_an_interrupted_calibration_says_how_to_go_on(pair, tmp_path, monkeypatch, capsys):
-    from identification import calibration
+    from identification.inference import calibration
 
     def interrupted(*_, **__):
         raise KeyboardInterrupt
@@ -526,7 +526,7 @@ def test_prediction_follows_its_seed(calibrated):
 KILLED = """
 import os, signal, sys
 from pathlib import Path
-from identification.files import replacing
+from identification.storage.files import replacing
 with replacing(Path(sys.argv[1])) as temporary:
     temporary.write_text("half of")
     os.kill(os.getpid(), signal.SIGKILL)

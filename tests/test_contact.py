@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from cradle_env import Cradle, InitialState, Release, contact_times, restitution_curve, simulate
-from cradle_env.mechanics.parameters import PROGRESS
+from cradle_env.mechanics.layout import PROGRESS
 from cradle_env.simulation import SimulationError, prepare
 from identification.bench import scipy_peer
-from identification.likelihood import STEP_FACTOR
+from identification.inference.likelihood import STEP_FACTOR
 from tests.independent.soft_contact import SoftCradle, simulate_soft
 
 RELEASE = Release(angle=0.228)

@@ -18,8 +18,8 @@ from hypothesis import strategies as st
 
 import cradle_env
 from cradle_env import Cradle, InitialState, Release, Trajectory, simulate, simulate_batch
-from cradle_env.mechanics import events, restitution
-from cradle_env.mechanics.parameters import T0, T1
+from cradle_env.mechanics import event_loop, restitution
+from cradle_env.mechanics.layout import T0, T1
 from cradle_env.simulation import SimulationError, prepare
 
 RELEASE = Release(angle=0.228)
@@ -372,7 +372,9 @@ def test_impacts_hours_after_the_release() -> None:
         S[:, [T0, T1]] = t0
         motion, impacts = np.empty((len(times), 2, 4)), np.empty((256, 4))
         table = restitution.universal_curves()
-        _, count = events.run(c[0], bobs, table, S, W, t0 + 2.0, t0 + times, motion, np.empty((0, 2, 7)), impacts, 0)
+        _, count = event_loop.run(
+            c[0], bobs, table, S, W, t0 + 2.0, t0 + times, motion, np.empty((0, 2, 7)), impacts, 0
+        )
         runs.extend((motion[:, :, 0], impacts[:count, 0] - t0))
 
     for t0 in (0.0, 9000.0, 1e7):

@@ -9,15 +9,15 @@ import pytest
 from scipy.stats import multivariate_normal
 
 from identification import Experiment
-from identification.cli import main
-from identification.diagnose.advise import _lambda_gradient, advise_on_lambda
-from identification.diagnose.candidates import candidates
-from identification.diagnose.design import FORMAT, _asked
-from identification.diagnose.design_report import check_folder
-from identification.diagnose.fitted import with_known_noise
-from identification.diagnose.planned import Instrument, Planned, Setting, View, log_bayes
-from identification.diagnose.search import Searcher, Store
-from identification.files import write_listed
+from identification.cli.app import main
+from identification.diagnosis.next_experiment.design import FORMAT, _asked
+from identification.diagnosis.next_experiment.design_report import check_folder
+from identification.diagnosis.next_experiment.expected_information import _lambda_gradient, advise_on_lambda
+from identification.diagnosis.next_experiment.planned_run import Instrument, Planned, Setting, View, log_bayes
+from identification.diagnosis.selection.candidates import candidates
+from identification.diagnosis.selection.search import Searcher, Store
+from identification.inference.fit_result import with_known_noise
+from identification.storage.files import write_listed
 from tests.independent.laboratory import record, write_experiment
 from tests.independent.soft_contact import SoftCradle
 

@@ -17,25 +17,34 @@ from cradle_env.effects.elements import with_value
 from cradle_env.model_files import read_model
 from cradle_env.simulation import SimulationError
 from identification import Experiment, diagnose
-from identification.cli import main
-from identification.diagnose import course, inner, repair, unseen, workflow
-from identification.diagnose import decide as decide_module
-from identification.diagnose import intervals as intervals_module
-from identification.diagnose.candidates import Candidate, added_as, candidates, starts, taken_from, with_effects
-from identification.diagnose.course import Course, Step
-from identification.diagnose.decide import Decision, decide, judged, refitted, worth_refitting
-from identification.diagnose.diagnosis import VERDICTS, Interval, effect_parameters
-from identification.diagnose.fitted import Fitted, with_known_noise
-from identification.diagnose.inner import refuted
-from identification.diagnose.intervals import intervals
-from identification.diagnose.law import can_outdo
-from identification.diagnose.locate import locate, log_tail
-from identification.diagnose.report import html, save, sentence
-from identification.diagnose.score import family_p, score
-from identification.diagnose.search import Searcher, Store, finished
-from identification.fit import training_rows
-from identification.likelihood import Likelihood
-from identification.runs import ReleaseInfo, Run
+from identification.cli.app import main
+from identification.diagnosis import repair, stepwise, workflow
+from identification.diagnosis.learned_law.law import can_outdo
+from identification.diagnosis.report import html, save, sentence
+from identification.diagnosis.residuals.residual_tests import locate, log_tail
+from identification.diagnosis.result import VERDICTS, Interval, effect_parameters
+from identification.diagnosis.selection import inner_validation
+from identification.diagnosis.selection import model_comparison as decide_module
+from identification.diagnosis.selection.candidates import (
+    Candidate,
+    added_as,
+    candidates,
+    starts,
+    taken_from,
+    with_effects,
+)
+from identification.diagnosis.selection.inner_validation import refuted
+from identification.diagnosis.selection.model_comparison import Decision, decide, judged, refitted, worth_refitting
+from identification.diagnosis.selection.score_test import family_p, score
+from identification.diagnosis.selection.search import Searcher, Store, finished
+from identification.diagnosis.stepwise import Course, Step
+from identification.diagnosis.uncertainty import detection_limits
+from identification.diagnosis.uncertainty import intervals as intervals_module
+from identification.diagnosis.uncertainty.intervals import intervals
+from identification.experiment.run import ReleaseInfo, Run
+from identification.inference.fit_result import Fitted, with_known_noise
+from identification.inference.likelihood import Likelihood
+from identification.inference.mode_search import training_rows
 from tests.independent.laboratory import correlated_noise, record, write_experiment
 from tests.independent.soft_contact import SoftCradle
 
@@ -116,7 +125,7 @@ def test_names_that_predict_worse_than_right_ones_are_withdrawn(dragged, monkeyp
     shifted = dataclasses.replace(run, readings=run.readings + 5e-3 * held_out[:, None])
     monkeypatch.setattr(repair, "learn", lambda *_: None)
     asked = []
-    monkeypatch.setattr(course.Course, "anew", lambda self: asked.append(self.steps[0].effect))
+    monkeypatch.setattr(stepwise.Course, "anew", lambda self: asked.append(self.steps[0].effect))
     for own in (run, shifted):
         searcher = Searcher(Store(None, ""), 0, None)
         base = searcher.globally(dataclasses.replace(experiment, runs=(own,)))
@@ -153,7 +162,7 @@ def test_what_leaves_more_than_noise_by_its_places_is_not_enough_by_its_chi2(mon
         return SimpleNamespace(chi2=chi2, count=3500, unit=1.0)
 
     asked = []
-    monkeypatch.setattr(course, "from_anywhere", lambda *all_: asked.append(all_[-1]) or SimpleNamespace(chosen=None))
+    monkeypatch.setattr(stepwise, "from_anywhere", lambda *all_: asked.append(all_[-1]) or SimpleNamespace(chosen=None))
     examined = [SimpleNamespace(fitted=fit(chi2), scored=None, significant=True) for chi2 in (4000.0, 3510.0)]
     so_far = Course(None, 0, (False,), lambda *_: None, examined, [SimpleNamespace(chosen=None)])  # type: ignore[arg-type]
     so_far._another()
@@ -283,7 +292,7 @@ def test_an_interrupted_diagnosis_goes_on(plain, nothing_found, tmp_path, monkey
     assert json.loads((tmp_path / "fits.json").read_text(encoding="utf-8"))["points"].items() >= kept.items()
     assert whole.content() == nothing_found.content()
     # Interrupted after that: what was worked out for the report is there, too.
-    for module, name in ((unseen, "_reached"), (intervals_module, "_profile_end")):
+    for module, name in ((detection_limits, "_reached"), (intervals_module, "_profile_end")):
         monkeypatch.setattr(module, name, lambda *_: pytest.fail("this was known"))
     assert diagnose(experiment, out=tmp_path).content() == nothing_found.content()
 
@@ -311,7 +320,7 @@ def test_near_the_noise_all_are_refitted_before_it_gives_up(gap, exhaust, both, 
     study)."""
     tried = []
     nothing = Decision((), None, 0.0, 1.0, 1.0)
-    module = importlib.import_module("identification.diagnose.decide")
+    module = importlib.import_module("identification.diagnosis.selection.model_comparison")
     monkeypatch.setattr(module, "_decision", lambda *_, **__: nothing)
     monkeypatch.setattr(module, "refitted", lambda _, which, *__: tried.append(which) or dict.fromkeys(which))
     named = {c.name: c for c in candidates(Cradle(bobs=2)) if not c.alike}
@@ -328,7 +337,7 @@ def test_fits_by_other_code_are_not_used(plain, tmp_path, monkeypatch):
     experiment = Experiment.load(plain)
     Store.of(tmp_path, experiment, 0).point("key", lambda: np.array([1.0]))
     assert Store.of(tmp_path, experiment, 0).points
-    monkeypatch.setattr("identification.diagnose.search.program", lambda _: "other")
+    monkeypatch.setattr("identification.diagnosis.selection.search.program", lambda _: "other")
     assert not Store.of(tmp_path, experiment, 0).points
 
 
@@ -418,7 +427,7 @@ def test_no_course_returns_to_effects_that_it_has_examined(dragged):
     so_far = Course(searcher, 0, (False,), lambda *_: None, examined)  # type: ignore[arg-type]
     likelihood = searcher._with(base, next(c for c in candidates(base.cradle) if c.name == "quadratic_drag"))
     again = SimpleNamespace(chosen=SimpleNamespace(fitted=Fitted(likelihood, likelihood.start())))
-    so_far.seen.add(course._effects(again.chosen.fitted))
+    so_far.seen.add(stepwise._effects(again.chosen.fitted))
     so_far._instead(again, 1)  # type: ignore[arg-type]
     assert len(examined) == 1
     assert so_far.steps == []
@@ -437,7 +446,7 @@ def test_a_repair_ends_where_one_effect_of_two_alone_is_nearly_as_good(tmp_path,
         assert len(decided) < 6
         return decided[-1]
 
-    monkeypatch.setattr(course, "decide", counted)
+    monkeypatch.setattr(stepwise, "decide", counted)
     monkeypatch.setattr(repair, "_outdoing", lambda *_: None)
     repaired = repair.repair(base, searcher, 0, (False,), lambda *_: None)
     names = [step.effect for step in repaired.steps]
@@ -522,7 +531,7 @@ def test_a_bob_that_stays_at_rest_is_nothing_that_is_missing():
     seen = motion.theta + 1e-3 * np.random.default_rng(0).standard_normal(motion.theta.shape)
     run = Run(motion.t, seen, release=ReleaseInfo(release, angle_sd=1e-3), delta=0.0, noise=1e-3)
     likelihood = Likelihood(Experiment(cradle, (run,)), None, 1)
-    examined = course.examine(Fitted(likelihood, likelihood.start()), 0, (False,))
+    examined = stepwise.examine(Fitted(likelihood, likelihood.start()), 0, (False,))
     assert np.isfinite(examined.located.replicas).all()
     assert examined.p > 0.01  # of these data 0.3; with places that are no numbers 0.0025, the least there is
 
@@ -586,10 +595,10 @@ def test_what_cannot_be_followed_to_the_end_predicts_nothing(monkeypatch):
     def predicting(gap):
         return SimpleNamespace(training_gap=lambda: 10.0, held_out_gap=(lambda: gap) if gap else stopped)
 
-    monkeypatch.setattr(inner, "_fitted_within", lambda fitted, _: fitted)
-    assert inner.predictions(predicting(12.0), predicting(11.0), None) == (12.0, 11.0)  # type: ignore[arg-type]
-    assert inner.predictions(predicting(12.0), predicting(None), None) == (12.0, math.inf)  # type: ignore[arg-type]
-    assert inner.predictions(predicting(None), predicting(11.0), None) is None  # type: ignore[arg-type]
+    monkeypatch.setattr(inner_validation, "_fitted_within", lambda fitted, _: fitted)
+    assert inner_validation.predictions(predicting(12.0), predicting(11.0), None) == (12.0, 11.0)  # type: ignore[arg-type]
+    assert inner_validation.predictions(predicting(12.0), predicting(None), None) == (12.0, math.inf)  # type: ignore[arg-type]
+    assert inner_validation.predictions(predicting(None), predicting(11.0), None) is None  # type: ignore[arg-type]
 
 
 def test_an_effect_is_known_in_the_form_that_it_has():

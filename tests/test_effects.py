@@ -14,7 +14,7 @@ from scipy.integrate import solve_ivp
 
 from cradle_env import CATALOGUE, MODELS, Cradle, Effect, Parameter, Release, register, restitution_curve, simulate
 from cradle_env import effects as effects_module
-from cradle_env.mechanics.outside import compiled
+from cradle_env.mechanics.user_force import compiled
 from identification.bench import scipy_peer
 from tests.independent.soft_contact import SoftCradle, simulate_soft
 

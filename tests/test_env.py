@@ -23,11 +23,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import cradle_env
-from cradle_env import episodes
 from cradle_env.effects import Effect, Parameter, register
-from cradle_env.env import NewtonCradleEnv
-from cradle_env.mechanics import parameters as p
-from cradle_env.release_env import NewtonCradleReleaseEnv
+from cradle_env.envs import episodes
+from cradle_env.envs.newton_cradle import NewtonCradleEnv
+from cradle_env.envs.release import NewtonCradleReleaseEnv
+from cradle_env.mechanics import layout as p
 
 ROOT = Path(__file__).parents[1]
 IDS = ("NewtonCradle-v0", "NewtonCradleRelease-v0")
@@ -76,9 +76,9 @@ def test_a_second_import_registers_nothing_anew() -> None:
 
 def test_specs() -> None:
     spec, release = map(gym.spec, IDS)
-    assert spec.entry_point == "cradle_env.env:NewtonCradleEnv"
-    assert spec.vector_entry_point == "cradle_env.vector_env:NewtonCradleVectorEnv"
-    assert release.entry_point == "cradle_env.release_env:NewtonCradleReleaseEnv"
+    assert spec.entry_point == "cradle_env.envs.newton_cradle:NewtonCradleEnv"
+    assert spec.vector_entry_point == "cradle_env.envs.vector:NewtonCradleVectorEnv"
+    assert release.entry_point == "cradle_env.envs.release:NewtonCradleReleaseEnv"
     assert (spec.max_episode_steps, spec.reward_threshold) == (3600, 2.85)
     assert (release.max_episode_steps, release.reward_threshold) == (None, 0.2)
     assert not spec.nondeterministic
@@ -514,7 +514,7 @@ BREEZE = """if True:
     import pickle, sys
     import numpy as np
     from cradle_env.effects import Effect, Parameter, register
-    from cradle_env.env import NewtonCradleEnv
+    from cradle_env.envs.newton_cradle import NewtonCradleEnv
 
     def push(t, r, theta, v_r, v_theta, parameters):
         return 0.0, parameters[0]

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from identification.experiment import Experiment
+from identification.experiment.experiment import Experiment
 
 ROOT = Path(__file__).parents[1]
 EXAMPLES = ROOT / "examples"
@@ -194,10 +194,10 @@ def test_the_demo_finds_the_truth(tmp_path):
 
 def test_the_demo_runs_its_commands(tmp_path, monkeypatch, capsys):
     """With the commands themselves replaced: each has tests of its own."""
-    from identification import cli
+    from identification.cli import app
 
     asked = []
-    monkeypatch.setattr(cli, "main", lambda arguments: asked.append(arguments[0]) or 0)
+    monkeypatch.setattr(app, "main", lambda arguments: asked.append(arguments[0]) or 0)
     monkeypatch.setattr(sys, "argv", ["demo.py", "--out", str(tmp_path), "--steps", "60"])
     example("demo")["main"]()
     assert asked == ["simulate", "calibrate", "predict"]

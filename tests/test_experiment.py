@@ -11,12 +11,12 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from cradle_env.cradle import Cradle, Release
-from identification.csv_data import read_recording
-from identification.experiment import Experiment, ExperimentError, Prior, ReleaseInfo
-from identification.files import write_together
-from identification.noise import correlation, estimated_noise, gap_of_noise
-from identification.runs import Run
-from identification.scaffold import scaffold
+from identification.experiment.csv_file import read_recording
+from identification.experiment.experiment import Experiment, ExperimentError, Prior, ReleaseInfo
+from identification.experiment.noise import correlation, estimated_noise, gap_of_noise
+from identification.experiment.run import Run
+from identification.experiment.scaffold import scaffold
+from identification.storage.files import write_together
 from tests.independent.laboratory import correlated_noise
 
 TOML = """\

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from cradle_env import Cradle
-from identification.experiment import Experiment
-from identification.fit import find_mode
-from identification.likelihood import Likelihood, hanging_radius
-from identification.runs import Run
-from identification.unknowns import sag
+from identification.experiment.experiment import Experiment
+from identification.experiment.run import Run
+from identification.inference.likelihood import Likelihood, hanging_radius
+from identification.inference.mode_search import find_mode
+from identification.inference.unknowns import sag
 from tests.independent.laboratory import record
 from tests.independent.soft_contact import SoftCradle
 

@@ -9,7 +9,7 @@ from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 from scipy.optimize import brentq
 
-from identification.experiment import Experiment
+from identification.experiment.experiment import Experiment
 from tests.independent import laboratory
 from tests.independent.soft_contact import KEYS, SoftCradle, simulate_soft
 from tests.synthetic import recorded_run

@@ -8,15 +8,15 @@ import numpy as np
 import pytest
 
 from cradle_env.simulation import SimulationError
-from identification.diagnose import intervals as module
-from identification.diagnose.branches import branches
-from identification.diagnose.candidates import with_effects
-from identification.diagnose.fitted import with_known_noise
-from identification.diagnose.intervals import intervals
-from identification.diagnose.profile import profile_end
-from identification.diagnose.search import Searcher, Store, at_once, flat
-from identification.experiment import Experiment
-from identification.unknowns import Unknown
+from identification.diagnosis.selection.candidates import with_effects
+from identification.diagnosis.selection.search import Searcher, Store, at_once, flat
+from identification.diagnosis.uncertainty import intervals as module
+from identification.diagnosis.uncertainty.alternative_modes import branches
+from identification.diagnosis.uncertainty.intervals import intervals
+from identification.diagnosis.uncertainty.profile_likelihood import profile_end
+from identification.experiment.experiment import Experiment
+from identification.inference.fit_result import with_known_noise
+from identification.inference.unknowns import Unknown
 from tests.independent.laboratory import record, write_experiment
 from tests.independent.soft_contact import SoftCradle
 from tests.study import Apparatus, cases

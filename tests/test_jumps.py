@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from cradle_env.simulation import SimulationError
-from identification.experiment import Experiment
-from identification.fit import jacobian, mode_at
-from identification.jumps import learned, size, widened
-from identification.likelihood import Likelihood
-from identification.unknowns import Unknown
+from identification.experiment.experiment import Experiment
+from identification.inference.impact_order_noise import learned, size, widened
+from identification.inference.likelihood import Likelihood
+from identification.inference.mode_search import jacobian, mode_at
+from identification.inference.unknowns import Unknown
 from tests.independent.laboratory import record, write_experiment
 from tests.independent.soft_contact import SoftCradle
 from tests.synthetic import nothing_hidden

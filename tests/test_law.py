@@ -16,25 +16,25 @@ from cradle_env.effects import LEARNED
 from cradle_env.model_files import read_model
 from cradle_env.simulation import SimulationError
 from identification import Experiment, diagnose
-from identification.diagnose import law as law_module
-from identification.diagnose.candidates import candidates
-from identification.diagnose.course import Course
-from identification.diagnose.cut import can_be_cut, windowed
-from identification.diagnose.decide import CLOSE
-from identification.diagnose.fitted import Fitted, with_known_noise
-from identification.diagnose.in_time import with_time
-from identification.diagnose.inner import inner, predictions
-from identification.diagnose.intervals import intervals
-from identification.diagnose.law import Law, _origins, advantage, learn, scales_of
-from identification.diagnose.law_shape import Curve, Shape, _described, terms_of
-from identification.diagnose.pictures import law_figure
-from identification.diagnose.repair import _overtaken
-from identification.diagnose.report import save
-from identification.diagnose.search import Searcher, Store, only_noise, placed
-from identification.diagnose.terms import FREQUENCY, Linear, Term, choice_beside, extended, library
-from identification.fit import climb_ladder, jacobian
-from identification.likelihood import Likelihood
-from identification.runs import Prior
+from identification.diagnosis.figures import law_figure
+from identification.diagnosis.learned_law import law as law_module
+from identification.diagnosis.learned_law.law import Law, _origins, advantage, learn, scales_of
+from identification.diagnosis.learned_law.law_shape import Curve, Shape, _described, terms_of
+from identification.diagnosis.learned_law.periodic_force import with_time
+from identification.diagnosis.learned_law.terms import FREQUENCY, Linear, Term, choice_beside, extended, library
+from identification.diagnosis.repair import _overtaken
+from identification.diagnosis.report import save
+from identification.diagnosis.residuals.multiple_shooting import can_be_cut, windowed
+from identification.diagnosis.selection.candidates import candidates
+from identification.diagnosis.selection.inner_validation import inner, predictions
+from identification.diagnosis.selection.model_comparison import CLOSE
+from identification.diagnosis.selection.search import Searcher, Store, only_noise, placed
+from identification.diagnosis.stepwise import Course
+from identification.diagnosis.uncertainty.intervals import intervals
+from identification.experiment.run import Prior
+from identification.inference.fit_result import Fitted, with_known_noise
+from identification.inference.likelihood import Likelihood
+from identification.inference.mode_search import climb_ladder, jacobian
 from tests.independent.laboratory import record, write_experiment
 from tests.independent.soft_contact import SoftCradle
 from tests.synthetic import simulated_run
@@ -518,7 +518,7 @@ def test_words_for_a_curve_have_minus_signs():
 )
 def test_names_that_a_law_overtakes_get_no_further_ones(monkeypatch, models, gap, over, overtaken):
     """By its advantage over two names that leave more than noise; far above the noise, no law of few terms is all."""
-    monkeypatch.setattr("identification.diagnose.repair.advantage", lambda *_: over)
+    monkeypatch.setattr("identification.diagnosis.repair.advantage", lambda *_: over)
     examined = SimpleNamespace(fitted=SimpleNamespace(training_gap=lambda: gap), significant=True)
     law_beside = lambda *_: None if over is None else "law"  # noqa: E731
     course = SimpleNamespace(examined=[examined] * models, law_beside=law_beside)
@@ -540,7 +540,7 @@ def test_a_law_of_rigid_strings_has_no_stiffness_to_begin_with():
 
 def test_a_law_is_learned_once_beside_each_rival(monkeypatch):
     asked = []
-    monkeypatch.setattr("identification.diagnose.course.learn", lambda fitted, *_: asked.append(fitted))
+    monkeypatch.setattr("identification.diagnosis.stepwise.learn", lambda fitted, *_: asked.append(fitted))
     course = Course(None, 0, (), QUIET)  # type: ignore[arg-type]
     for fitted, rival in (("a", "b"), ("a", "b"), ("a", "c"), ("d", "c")):
         assert course.law_beside(fitted, rival) is None  # type: ignore[arg-type]
@@ -574,7 +574,8 @@ def test_along_strings_that_do_not_stretch_nothing_is_learned():
 
 def test_a_law_that_cannot_be_simulated_ends_its_fit(monkeypatch):
     """Where no neighbour in κ can be either, the ladder once went round for ever."""
-    monkeypatch.setattr("identification.fit.best_rungs", lambda *_: [np.zeros(1)] * 3)
-    monkeypatch.setattr("identification.fit.refined_from", lambda *_: iter([(np.zeros(1), math.inf)] * 3))
+    searching = "identification.inference.mode_search"
+    monkeypatch.setattr(f"{searching}.best_rungs", lambda *_: [np.zeros(1)] * 3)
+    monkeypatch.setattr(f"{searching}.refined_from", lambda *_: iter([(np.zeros(1), math.inf)] * 3))
     point, least = climb_ladder(None, np.ones(1), math.inf)  # type: ignore[arg-type]
     assert (point == 1.0).all() and least == math.inf

@@ -11,7 +11,7 @@ from cradle_env import CATALOGUE, Cradle, InitialState, Release, restitution_cur
 from cradle_env.effects import LEARNED, effect, known_effects
 from cradle_env.simulation import equilibrium
 from identification import Experiment
-from identification.diagnose.candidates import candidates
+from identification.diagnosis.selection.candidates import candidates
 from tests.test_effects import TIMES, angles, one_bob
 
 RELEASE = Release(angle=0.3)

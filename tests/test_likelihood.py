@@ -9,13 +9,13 @@ from scipy.optimize import least_squares
 from scipy.stats import multivariate_normal, norm
 
 from cradle_env import Cradle, Release, simulate
-from identification import fit
-from identification.calibration import calibrate
-from identification.experiment import Experiment
-from identification.fit import bounds, find_mode, training_rows
-from identification.likelihood import Jumps, Likelihood, lifted_further
-from identification.posterior import Posterior
-from identification.runs import Prior, ReleaseInfo, Run
+from identification.experiment.experiment import Experiment
+from identification.experiment.run import Prior, ReleaseInfo, Run
+from identification.inference import mode_search
+from identification.inference.calibration import calibrate
+from identification.inference.likelihood import Jumps, Likelihood, lifted_further
+from identification.inference.mode_search import bounds, find_mode, training_rows
+from identification.inference.posterior import Posterior
 from tests.independent.laboratory import correlated_noise, record, write_experiment
 from tests.independent.soft_contact import SoftCradle, simulate_soft
 from tests.synthetic import simulated_run
@@ -61,16 +61,17 @@ def test_a_descent_ends_where_minpack_does_with_fewer_simulations(monkeypatch):
     """Held against SciPy's MINPACK at its tightest, with derivatives by central differences."""
     likelihood, simulations = Likelihood(experiment()), []
     start = likelihood.start() + np.array([-0.3, 0.049, 0.5, 2e-3])  # κ 0.5 % off, its mode 1 % wide
+    scale = mode_search.steps(likelihood)
     least = 2.0 * least_squares(
-        likelihood.residuals, start, "3-point", method="lm", x_scale=fit.steps(likelihood), xtol=1e-12, ftol=1e-12
+        likelihood.residuals, start, "3-point", method="lm", x_scale=scale, xtol=1e-12, ftol=1e-12
     ).cost  # fmt: skip
     residuals = likelihood.residuals
     monkeypatch.setattr(likelihood, "residuals", lambda z: simulations.append(z) or residuals(z), raising=False)
     counts = []
-    for foretold in (fit._FORETOLD, 0.0):  # 0: no step corrects derivatives
-        monkeypatch.setattr(fit, "_FORETOLD", foretold)
+    for foretold in (mode_search._FORETOLD, 0.0):  # 0: no step corrects derivatives
+        monkeypatch.setattr(mode_search, "_FORETOLD", foretold)
         simulations.clear()
-        assert fit.refine(likelihood, start, 40)[1] == pytest.approx(least, abs=2e-3)  # ends at gains of 1e-3
+        assert mode_search.refine(likelihood, start, 40)[1] == pytest.approx(least, abs=2e-3)  # ends at gains of 1e-3
         counts.append(len(simulations))
     assert counts[0] < 0.8 * counts[1], counts
 

@@ -4,10 +4,10 @@ import pytest
 from threadpoolctl import threadpool_info, threadpool_limits
 
 from identification import Experiment, calibrate, diagnose
-from identification.diagnose import intervals, unseen
-from identification.diagnose.design import design
-from identification.diagnose.fitted import with_known_noise
-from identification.diagnose.search import Searcher, Store
+from identification.diagnosis.next_experiment.design import design
+from identification.diagnosis.selection.search import Searcher, Store
+from identification.diagnosis.uncertainty import detection_limits, intervals
+from identification.inference.fit_result import with_known_noise
 from tests.independent.laboratory import record, write_experiment
 from tests.independent.soft_contact import SoftCradle
 
@@ -34,7 +34,7 @@ def test_linear_algebra_runs_on_one_thread_while_something_is_inferred(experimen
         assert threads() == {3}  # and does so no longer afterwards
 
 
-@pytest.mark.parametrize("module", [intervals, unseen])
+@pytest.mark.parametrize("module", [intervals, detection_limits])
 def test_so_it_does_while_a_report_is_made(experiment, module, monkeypatch):
     def in_threads(*_):
         assert threads() == {1}
@@ -43,4 +43,4 @@ def test_so_it_does_while_a_report_is_made(experiment, module, monkeypatch):
     fitted = Searcher(Store(None, ""), 0, None).nearby(with_known_noise(experiment), {})
     monkeypatch.setattr(module, "in_threads", in_threads)
     with threadpool_limits(3, user_api="blas"), pytest.raises(InterruptedError):
-        getattr(module, module.__name__.rpartition(".")[2])(fitted, *([[]] if module is unseen else []))
+        getattr(module, module.__name__.rpartition(".")[2])(fitted, *([[]] if module is detection_limits else []))

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from cradle_env.cradle import Cradle
-from identification.measurement import Instrument
+from identification.inference.instrument import Instrument
 
 TIMES = np.arange(0.0, 2.0, 0.01)
 

@@ -6,13 +6,14 @@ import numpy as np
 import pytest
 
 from cradle_env import Cradle
-from identification.diagnose import course, decide, repair, search
-from identification.diagnose.candidates import Candidate
-from identification.diagnose.course import Course, Step
-from identification.diagnose.decide import CLOSE, Decision, hidden, of_the_period
-from identification.diagnose.fitted import with_known_noise
-from identification.diagnose.search import Searcher, Store
-from identification.experiment import Experiment
+from identification.diagnosis import repair, stepwise
+from identification.diagnosis.selection import model_comparison, search
+from identification.diagnosis.selection.candidates import Candidate
+from identification.diagnosis.selection.model_comparison import CLOSE, Decision, hidden, of_the_period
+from identification.diagnosis.selection.search import Searcher, Store
+from identification.diagnosis.stepwise import Course, Step
+from identification.experiment.experiment import Experiment
+from identification.inference.fit_result import with_known_noise
 from tests.study import Apparatus, cases
 
 CLOCK = Candidate("clock_scale", ("clock_scale",), ("clock_scale.scale",))
@@ -84,8 +85,8 @@ def test_noise_alone_is_doubted_only_with_good_reason(monkeypatch, evidence, tak
     """Of 15 experiments of three and five bobs in which nothing is hidden, a clock from anywhere gained 0 to 4.5 in χ²;
     a log evidence of 3 asks for about 15."""
     chosen = SimpleNamespace(log_evidence=evidence)
-    monkeypatch.setattr(decide, "_alike", lambda _, fits, *__: fits)
-    monkeypatch.setattr(decide, "_decision", lambda *_: Decision((), chosen, 0.9, 1.0, 100.0))  # type: ignore[arg-type]
+    monkeypatch.setattr(model_comparison, "_alike", lambda _, fits, *__: fits)
+    monkeypatch.setattr(model_comparison, "_decision", lambda *_: Decision((), chosen, 0.9, 1.0, 100.0))  # type: ignore[arg-type]
     assert (hidden(None, {}, None, None, QUIET).chosen is chosen) == taken  # type: ignore[arg-type]
 
 
@@ -101,8 +102,8 @@ def test_what_leaves_more_than_noise_was_not_hidden(monkeypatch, significant):
         so_far.examined.append(SimpleNamespace(fitted="clock", significant=significant))  # type: ignore[arg-type]
 
     moved = iter([True, False])  # the model itself has a slightly better mode: that does not end it
-    monkeypatch.setattr(course, "of_the_period", lambda *_: {CLOCK: None})
-    monkeypatch.setattr(course, "hidden", lambda *_: decision)
+    monkeypatch.setattr(stepwise, "of_the_period", lambda *_: {CLOCK: None})
+    monkeypatch.setattr(stepwise, "hidden", lambda *_: decision)
     monkeypatch.setattr(so_far, "_in_a_better_mode", lambda *_: next(moved))
     monkeypatch.setattr(so_far, "_take", take)
     monkeypatch.setattr(so_far, "_one_for_two", lambda: None)
@@ -122,10 +123,10 @@ def test_what_is_hardly_noise_is_looked_at_again(monkeypatch, p, steps, looked):
     taken = [SimpleNamespace(effect=f"{i}") for i in range(steps)]
     so_far = Course(None, 0, (False,), QUIET, [last], [], taken)  # type: ignore[arg-type,list-item]
     tried = []
-    monkeypatch.setattr(course, "of_the_period", lambda *_: {})
-    monkeypatch.setattr(course, "worth_refitting", lambda _: [CLOCK])
-    monkeypatch.setattr(course, "refitted", lambda _, several, *__: tried.extend(several) or {CLOCK: None})
-    monkeypatch.setattr(course, "hidden", lambda *_: Decision((), None, 0.0, 1.0, 100.0))
+    monkeypatch.setattr(stepwise, "of_the_period", lambda *_: {})
+    monkeypatch.setattr(stepwise, "worth_refitting", lambda _: [CLOCK])
+    monkeypatch.setattr(stepwise, "refitted", lambda _, several, *__: tried.extend(several) or {CLOCK: None})
+    monkeypatch.setattr(stepwise, "hidden", lambda *_: Decision((), None, 0.0, 1.0, 100.0))
     assert not so_far.look_elsewhere()
     assert bool(tried) == bool(so_far.decisions) == looked
 
@@ -137,7 +138,7 @@ def test_lengths_that_first_order_hardly_foretells_are_found(tmp_path):
     path = apparatus.write(tmp_path, apparatus.record([0.0008779], True))
     searcher = Searcher(Store(None, ""), 0, None)
     repaired = repair.repair(searcher.globally(with_known_noise(Experiment.load(path))), searcher, 0, (False,), QUIET)
-    assert 0.01 < repaired.examined[0].p < course.SETTLED
+    assert 0.01 < repaired.examined[0].p < stepwise.SETTLED
     assert {one.name for several in repaired.alternatives for one in several} == {"length_mismatch", "string_creep"}
     assert abs(repaired.last.fitted.values["kappa"] / apparatus.truth["kappa"] - 1.0) < 0.003
 
@@ -154,7 +155,7 @@ def test_where_an_effect_leads_to_a_better_mode_the_decision_is_made_again(monke
     examined = [SimpleNamespace(fitted="base", scored=None), SimpleNamespace(fitted=last)]
     steps = [Step("length_mismatch", *(SimpleNamespace(),) * 2, 0.5, was)]  # type: ignore[arg-type]
     so_far = Course(None, 0, (False,), QUIET, examined, [was], steps)  # type: ignore[arg-type]
-    monkeypatch.setattr(course, "again", lambda *_: now)
+    monkeypatch.setattr(stepwise, "again", lambda *_: now)
     monkeypatch.setattr(so_far, "_in_a_better_mode", lambda *_: False)
     monkeypatch.setattr(so_far, "_instead", lambda decision, count: instead.append((decision, count)))
     so_far._where_it_led()

@@ -22,11 +22,11 @@ from cradle_env import Cradle, Release, simulate
 from cradle_env.model_files import read_model
 from cradle_env.model_files import read_posterior as read_draws
 from cradle_env.simulation import Threads
-from identification import results
-from identification.experiment import Experiment
-from identification.files import ExperimentError, check_own, working_in, write_listed
-from identification.posterior import Posterior
-from identification.sample import Checkpoint, Sampler
+from identification.experiment.experiment import Experiment
+from identification.inference.mcmc import Checkpoint, Sampler
+from identification.inference.posterior import Posterior
+from identification.reporting import result_files
+from identification.storage.files import ExperimentError, check_own, working_in, write_listed
 from identification.sweep import Grid, sweep
 from studies.fuzz import cradles
 from tests.synthetic import made_up_posterior, simulated_run
@@ -235,7 +235,7 @@ def test_the_lock_of_a_dead_process_is_taken_over(tmp_path):
 import os, sys
 sys.path[:0] = [{str(ROOT)!r}]
 from pathlib import Path
-from identification.files import working_in
+from identification.storage.files import working_in
 with working_in(Path({str(tmp_path / "out")!r})):
     os._exit(9)
 """
@@ -252,7 +252,7 @@ def test_killed_between_the_last_renames_it_goes_on(tmp_path, renames):
 import os, sys
 sys.path[:0] = [{str(ROOT)!r}]
 from pathlib import Path
-from identification.files import write_listed
+from identification.storage.files import write_listed
 left = {renames}
 def counted(rename):
     def renamed(*arguments):
@@ -403,7 +403,7 @@ def test_names_from_outside_are_text_in_reports_and_pictures(tmp_path):
     cradle = Cradle(bobs=2)
     runs = [simulated_run(cradle, duration=5.0, file=file) for file in (name, f"b{name}")]
     posterior = made_up_posterior(Experiment(cradle, tuple(runs)), steps=20)
-    results.save_calibration(posterior, tmp_path)  # Matplotlib refuses mathtext that is none
+    result_files.save_calibration(posterior, tmp_path)  # Matplotlib refuses mathtext that is none
     page = Danger((tmp_path / "report.html").read_text(encoding="utf-8"))
     assert page.found == []
     assert any("<script>alert(1)" in text for text in page.texts)

@@ -75,7 +75,7 @@ def test_after_a_warm_up_nothing_is_left_to_compile():
         """
 import json, gymnasium as gym, numpy as np
 from cradle_env import Cradle, Release, simulate_batch, warmup
-from cradle_env.mechanics import control, events, restitution, start, strings
+from cradle_env.mechanics import control_interval, event_loop, restitution, initial_state, strings
 
 kernels = [kernel for module in (control, events, restitution, start, strings) for kernel in vars(module).values()
            if getattr(kernel, "_can_compile", False) and kernel.targetoptions.get("no_cpython_wrapper") is None]

@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 
 from cradle_env import Cradle, Release
-from identification import plots, results
-from identification.commands import _known
-from identification.experiment import Experiment
-from identification.files import write_json
-from identification.posterior import Gap, Posterior, statistics
-from identification.runs import Prior, ReleaseInfo, Run
-from identification.style import png
-from identification.wording import Rounding, estimate, markup, mathtext, shown, unit_markup, unit_plain
+from identification.cli.commands import _known
+from identification.experiment.experiment import Experiment
+from identification.experiment.run import Prior, ReleaseInfo, Run
+from identification.inference.posterior import Gap, Posterior, statistics
+from identification.reporting import calibration_plots, result_files
+from identification.reporting.plot_style import png
+from identification.reporting.wording import Rounding, estimate, markup, mathtext, shown, unit_markup, unit_plain
+from identification.storage.files import write_json
 from tests.synthetic import made_up_posterior, simulated_run
 
 
@@ -63,7 +63,7 @@ class Page(html.parser.HTMLParser):
 def test_pictures_and_report_of_any_experiment(kind, tmp_path, monkeypatch):
     monkeypatch.setattr(Posterior.newton_exponent, "__defaults__", (20,))  # draws for a λ that did not come along
     posterior = made_up_posterior(experiment(kind), steps=20)
-    summary = results.save_calibration(posterior, tmp_path)
+    summary = result_files.save_calibration(posterior, tmp_path)
     page = Page((tmp_path / "report.html").read_text(encoding="utf-8"))
     assert page.open == [] and page.links == []
     assert len(page.images) == (3 if kind == "one bob" else 4)
@@ -75,7 +75,7 @@ def test_pictures_and_report_of_any_experiment(kind, tmp_path, monkeypatch):
 def test_bobs_that_were_lifted_alike_have_no_exponent(tmp_path):
     cradle, release = Cradle(bobs=2), ReleaseInfo(Release(angle=0.2, bobs=2))
     posterior = made_up_posterior(Experiment(cradle, (simulated_run(cradle, duration=4.0, release=release),)), steps=20)
-    assert results.save_calibration(posterior, tmp_path)["lambda"] is None
+    assert result_files.save_calibration(posterior, tmp_path)["lambda"] is None
     assert not (tmp_path / "lambda.png").exists()
     with pytest.raises(ValueError, match="all 2 bobs are lifted alike"):
         posterior.predict()
@@ -113,7 +113,7 @@ def test_an_inferred_delta_is_told_by_its_median(bobs, asked):
     prediction = posterior.predict(asked, count=9, duration=3.0)
     drawn = [posterior.likelihood.values(point)["delta"] for point in posterior.draws(9)]
     assert prediction.cradle.delta == (np.median(drawn) if asked is None else asked)
-    title = plots.prediction_figure(prediction).axes[1].get_title(loc="left")
+    title = calibration_plots.prediction_figure(prediction).axes[1].get_title(loc="left")
     told = "δ = 0.001, " if asked else shown(statistics(np.array(drawn)))["median"] + " ± "
     assert told in title
 
@@ -121,7 +121,7 @@ def test_an_inferred_delta_is_told_by_its_median(bobs, asked):
 @pytest.mark.parametrize(("gap", "converged"), [(1.02, True), (3.1, True), (1.02, False), (3.1, False)])
 def test_the_report_says_first_whether_to_trust_it(gap, converged, tmp_path):
     posterior = made_up_posterior(experiment("one bob"), converged=converged, gap=Gap(1.0, gap))
-    results.save_calibration(posterior, tmp_path)
+    result_files.save_calibration(posterior, tmp_path)
     text = (tmp_path / "report.html").read_text(encoding="utf-8")
     words = re.sub(r"<style>.*?</style>|<[^>]+>", " ", text, flags=re.DOTALL)
     first = words[: words.index("Parameters")]
@@ -135,7 +135,7 @@ def test_the_report_tells_of_correlated_readings(tmp_path):
     posterior = made_up_posterior(experiment("one bob"))
     for inflation, told in ((1.0, False), (1.857, True)):
         likelihood = posterior.likelihood.with_inflations([inflation])
-        results.save_calibration(dataclasses.replace(posterior, likelihood=likelihood), tmp_path)
+        result_files.save_calibration(dataclasses.replace(posterior, likelihood=likelihood), tmp_path)
         text = (tmp_path / "report.html").read_text(encoding="utf-8")
         assert ("is correlated: 1.9 of them count" in text) is told
     assert json.loads((tmp_path / "summary.json").read_text())["noise_inflation"] == [1.857]
@@ -146,7 +146,7 @@ def test_pictures_are_the_same_each_time_and_leave_matplotlib_alone():
 
     before = dict(matplotlib.rcParams)
     posterior = made_up_posterior(experiment("one bob"))
-    assert png(plots.residual_figure(posterior)) == png(plots.residual_figure(posterior))
+    assert png(calibration_plots.residual_figure(posterior)) == png(calibration_plots.residual_figure(posterior))
     assert dict(matplotlib.rcParams) == before
 
 

@@ -11,9 +11,9 @@ from scipy.special import gamma
 
 from cradle_env import Cradle, InitialState, Release, simulate, string_tension
 from cradle_env.synchronization import ENVELOPE_PERIODS
-from identification import cli
-from identification.experiment import Experiment
-from identification.posterior import Posterior
+from identification.cli import app
+from identification.experiment.experiment import Experiment
+from identification.inference.posterior import Posterior
 from identification.reproduce import (
     FIGURES,
     energy,
@@ -323,7 +323,7 @@ def coarse():
 
 def reproduced(out, calibrated, *only) -> int:
     chosen = [word for name in only for word in ("--only", name)]
-    return cli.main(["reproduce", "--out", str(out), "--values", "16", "--calibration", str(calibrated), *chosen])
+    return app.main(["reproduce", "--out", str(out), "--values", "16", "--calibration", str(calibrated), *chosen])
 
 
 @pytest.fixture(scope="module")
@@ -412,8 +412,8 @@ def test_interrupted_between_and_gone_on(tmp_path, monkeypatch):
     figures = (figure("first"), figure("second", ("first",)), figure("third"))
     monkeypatch.setattr("identification.reproduce.run.FIGURES", figures)
     arguments = ["reproduce", "--out", str(tmp_path), "--only", "second"]
-    assert cli.main(arguments) == 130
-    assert cli.main(arguments) == 0
+    assert app.main(arguments) == 130
+    assert app.main(arguments) == 0
     assert made == ["first", "second", "second"]
     claims = json.loads((tmp_path / "claims.json").read_text())["claims"]
     assert [(claim["figure"], claim["verdict"], claim["evidence"]) for claim in claims] == [
@@ -422,9 +422,9 @@ def test_interrupted_between_and_gone_on(tmp_path, monkeypatch):
     (tmp_path / "first" / "t.csv").unlink()
     stamp = tmp_path / "first" / "figure.json"
     stamp.write_text(json.dumps({key: json.loads(stamp.read_text())[key] for key in ("format", "files")}))
-    assert cli.main(arguments) == 0  # as a kill between stamp and files leaves it
+    assert app.main(arguments) == 0  # as a kill between stamp and files leaves it
     assert made[3:] == ["first"]
-    assert cli.main([*arguments, "--values", "20"]) == 0
+    assert app.main([*arguments, "--values", "20"]) == 0
     assert made[4:] == ["first", "second"]
 
 
@@ -439,7 +439,7 @@ def test_a_calibration_makes_anew_only_what_shows_it(calibrated, tmp_path, monke
     monkeypatch.setattr("identification.reproduce.run.calibrate_example", lambda *_: None)
 
     def figures_told(*more: str) -> list[str]:
-        assert cli.main(["reproduce", "--out", str(tmp_path), *more]) == 0
+        assert app.main(["reproduce", "--out", str(tmp_path), *more]) == 0
         return list(json.loads((tmp_path / "claims.json").read_text())["figures"])
 
     assert figures_told() == ["plain", "bands"]
@@ -452,12 +452,12 @@ def test_an_unusable_calibration_is_refused_at_once(tmp_path, monkeypatch, capsy
     monkeypatch.setattr("identification.reproduce.run.FIGURES", (made_up_figure("first", data=pytest.fail),))
     (tmp_path / "posterior.nc").write_text("no posterior")
     refused = ["reproduce", "--out", str(tmp_path / "o"), "--calibration"]
-    assert cli.main([*refused, str(tmp_path)]) == 2
+    assert app.main([*refused, str(tmp_path)]) == 2
     assert "not a posterior" in capsys.readouterr().err
     cradle = Cradle(bobs=2, effects={"spacer_offset": {"offset": (0.001,)}})
     posterior = made_up_posterior(Experiment(cradle, (simulated_run(cradle, duration=6.0),)))
     posterior.save(tmp_path / "posterior.nc")
-    assert cli.main([*refused, str(tmp_path)]) == 2
+    assert app.main([*refused, str(tmp_path)]) == 2
     assert "offset has 1 values" in capsys.readouterr().err
 
 
@@ -468,7 +468,7 @@ def test_only_files_of_our_own_are_replaced(tmp_path, monkeypatch, capsys):
     folder = tmp_path / "first"
 
     def refused(*more: str) -> str:
-        assert cli.main(["reproduce", "--out", str(tmp_path), *more]) == 2
+        assert app.main(["reproduce", "--out", str(tmp_path), *more]) == 2
         return capsys.readouterr().err
 
     folder.mkdir()
@@ -478,12 +478,12 @@ def test_only_files_of_our_own_are_replaced(tmp_path, monkeypatch, capsys):
     (tmp_path / "claims.md").write_text("mine")
     assert "claims.md: exists and is no result of this command" in refused()
     (tmp_path / "claims.md").unlink()
-    assert cli.main(["reproduce", "--out", str(tmp_path)]) == 0
+    assert app.main(["reproduce", "--out", str(tmp_path)]) == 0
     (folder / "notes.csv").write_text("mine")
     (folder / "t.csv").write_text("corrected")
     assert f"{folder / 't.csv'}: exists and is no result" in refused("--values", "20")
     (folder / "t.csv").unlink()
-    assert cli.main(["reproduce", "--out", str(tmp_path), "--values", "20"]) == 0
+    assert app.main(["reproduce", "--out", str(tmp_path), "--values", "20"]) == 0
     assert {path.name for path in folder.iterdir()} == {"figure.json", "first.pdf", "first.png", "notes.csv", "t.csv"}
     assert (folder / "notes.csv").read_text() == "mine" and len(made) == 2
 
@@ -497,7 +497,7 @@ def test_only_files_of_our_own_are_replaced(tmp_path, monkeypatch, capsys):
     ],
 )
 def test_unusable_input_is_refused(arguments, said, tmp_path, capsys):
-    assert cli.main(["reproduce", "--out", str(tmp_path / "o"), *arguments]) == 2
+    assert app.main(["reproduce", "--out", str(tmp_path / "o"), *arguments]) == 2
     error = capsys.readouterr().err
     assert said in error and error.count("\n") == 1
     assert not (tmp_path / "o").exists()

@@ -6,13 +6,13 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from identification import fit, rough
-from identification.diagnose.candidates import with_effects
-from identification.diagnose.fitted import with_known_noise
-from identification.diagnose.search import Searcher, Store, placed
-from identification.experiment import Experiment
-from identification.fit import cost, find_mode, refine
-from identification.rough import broad_jacobian, polish
+from identification.diagnosis.selection.candidates import with_effects
+from identification.diagnosis.selection.search import Searcher, Store, placed
+from identification.experiment.experiment import Experiment
+from identification.inference import mode_search, nonsmooth
+from identification.inference.fit_result import with_known_noise
+from identification.inference.mode_search import cost, find_mode, refine
+from identification.inference.nonsmooth import broad_jacobian, polish
 from tests.independent.laboratory import record, write_experiment
 from tests.independent.soft_contact import SoftCradle
 from tests.study import Apparatus, cases
@@ -117,7 +117,7 @@ def test_random_steps_lead_where_derivatives_do_not(tmp_path, monkeypatch):
     drawn = [(1 + k) * away * np.random.default_rng(k).standard_normal(4) for k in range(6)]
     starts = [refine(likelihood, truth + step, 40)[0] for step in drawn]
     reached = [cost(likelihood, polish(likelihood, start)) for start in starts]
-    monkeypatch.setattr(rough, "_MISSES", 0)
+    monkeypatch.setattr(nonsmooth, "_MISSES", 0)
     by_derivatives = [cost(likelihood, polish(likelihood, start)) for start in starts]
     assert sum(reached) < sum(by_derivatives) - 100.0, (reached, by_derivatives)
 
@@ -125,16 +125,16 @@ def test_random_steps_lead_where_derivatives_do_not(tmp_path, monkeypatch):
 def test_a_direction_that_no_reading_sees_is_left_alone():
     J = np.zeros((50, 3))
     J[:, :2] = np.random.default_rng(0).standard_normal((50, 2))
-    assert rough._deviations(J, 1.0)[:, 2] == pytest.approx(0.0, abs=1e-12)
-    assert len(rough._deviations(J, 1.0)) == 2
+    assert nonsmooth._deviations(J, 1.0)[:, 2] == pytest.approx(0.0, abs=1e-12)
+    assert len(nonsmooth._deviations(J, 1.0)) == 2
 
 
 def test_every_slice_of_kappa_has_a_start():
     likelihood = SimpleNamespace(names=["b", "kappa"])
     starts = np.random.default_rng(1).uniform(0.0, 1.0, (240, 2))
     costs = starts[:, 1] + 0.01 * starts[:, 0]  # so that all that is best lies in one slice
-    chosen = fit._worth_refining(likelihood, starts, costs)  # type: ignore[arg-type]
-    assert set(np.argsort(costs)[: fit._BEST]) <= set(chosen)
-    slices = np.array_split(np.argsort(starts[:, 1]), fit._SLICES)
+    chosen = mode_search._worth_refining(likelihood, starts, costs)  # type: ignore[arg-type]
+    assert set(np.argsort(costs)[: mode_search._BEST]) <= set(chosen)
+    slices = np.array_split(np.argsort(starts[:, 1]), mode_search._SLICES)
     assert all(set(some) & set(chosen) for some in slices)
-    assert len(chosen) == fit._BEST + fit._SLICES - 1
+    assert len(chosen) == mode_search._BEST + mode_search._SLICES - 1

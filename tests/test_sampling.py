@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from cradle_env import CATALOGUE, Effect, Parameter
-from identification.files import ExperimentError
-from identification.fit import Mode
-from identification.likelihood import Jumps
-from identification.sample import Chains, Checkpoint, convergence, judged, sample
-from identification.unknowns import Unknown
+from identification.inference.likelihood import Jumps
+from identification.inference.mcmc import Chains, Checkpoint, convergence, judged, sample
+from identification.inference.mode_search import Mode
+from identification.inference.unknowns import Unknown
+from identification.storage.files import ExperimentError
 
 
 @dataclasses.dataclass
@@ -96,7 +96,7 @@ def test_few_steps_after_an_adaptation_are_too_few_to_tell(tmp_path, steps):
 def test_where_a_chain_ends_does_not_hang_on_how_fast_the_machine_is(tmp_path, monkeypatch):
     ends = []
     for seconds in (1e-6, 0.02, 100.0):
-        monkeypatch.setattr("identification.sample._CHECKPOINT", seconds)
+        monkeypatch.setattr("identification.inference.mcmc._CHECKPOINT", seconds)
         folder = tmp_path / str(seconds)
         folder.mkdir()
         ends.append(chains(folder, None)[1].chain)
@@ -154,7 +154,7 @@ def test_chains_by_another_program_are_refused_and_kept(tmp_path, monkeypatch):
     chains(tmp_path, 60)
     assert checkpoint.exists()
     with monkeypatch.context() as patch:
-        patch.setattr("identification.fingerprint._sources", lambda: "other")
+        patch.setattr("identification.storage.provenance._sources", lambda: "other")
         with pytest.raises(ExperimentError, match=refusal):
             checkpoint.exists()
     assert checkpoint.exists()

@@ -6,11 +6,11 @@ import pytest
 
 from cradle_env import Cradle
 from identification import Experiment
-from identification.diagnose.diagnosis import Diagnosis
-from identification.diagnose.fitted import with_known_noise
-from identification.diagnose.inner import FAR
-from identification.diagnose.search import Searcher, Store
-from identification.diagnose.simpler import simpler, taken_out
+from identification.diagnosis.result import Diagnosis
+from identification.diagnosis.selection.inner_validation import FAR
+from identification.diagnosis.selection.rigid_strings import simpler, taken_out
+from identification.diagnosis.selection.search import Searcher, Store
+from identification.inference.fit_result import with_known_noise
 from tests.independent.laboratory import record, write_experiment
 from tests.independent.soft_contact import SoftCradle
 

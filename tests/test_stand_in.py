@@ -4,13 +4,13 @@ from types import SimpleNamespace
 
 import pytest
 
-from identification.diagnose import decide
-from identification.diagnose.candidates import Candidate, candidates, with_effects
-from identification.diagnose.fitted import Fitted, with_known_noise
-from identification.diagnose.search import Searcher, Store, flat, placed
-from identification.diagnose.stand_in import standing_in
-from identification.experiment import Experiment
-from identification.likelihood import Likelihood
+from identification.diagnosis.selection import model_comparison
+from identification.diagnosis.selection.candidates import Candidate, candidates, with_effects
+from identification.diagnosis.selection.search import Searcher, Store, flat, placed
+from identification.diagnosis.selection.start_values import standing_in
+from identification.experiment.experiment import Experiment
+from identification.inference.fit_result import Fitted, with_known_noise
+from identification.inference.likelihood import Likelihood
 from tests.independent.laboratory import record, write_experiment
 from tests.independent.soft_contact import SoftCradle
 
@@ -101,7 +101,7 @@ def test_what_looks_the_same_begins_where_it_stands_in(monkeypatch):
     ]
     begun = {}
     searcher = SimpleNamespace(adding_beside=lambda _, candidate, __, likely, *___: begun.update({candidate: likely}))
-    monkeypatch.setattr(decide, "standing_in", lambda *_: ["in its place"])
+    monkeypatch.setattr(model_comparison, "standing_in", lambda *_: ["in its place"])
     base = SimpleNamespace(chi2=1000.0, unit=1.0)
-    decide._alike(base, fits, SimpleNamespace(scores=scores), searcher, lambda *_: None)  # type: ignore[arg-type]
+    model_comparison._alike(base, fits, SimpleNamespace(scores=scores), searcher, lambda *_: None)  # type: ignore[arg-type]
     assert begun == {same: ["in its place", "own"], another: ["own"]}

@@ -16,7 +16,7 @@ import pytest
 
 from cradle_env import Cradle, Release, simulate, simulate_batch
 from cradle_env.effects import CATALOGUE, LEARNED, effect, register
-from identification.fingerprint import fingerprint
+from identification.storage.provenance import fingerprint
 from identification.sweep import QUANTITIES, Grid, Quantity, sweep
 from identification.sweep import engine as sweep_engine
 
@@ -376,7 +376,7 @@ def test_a_class_that_a_measure_names_is_told_by_what_it_does(kind, monkeypatch)
 def test_a_function_is_told_alike_in_every_process():
     measure = "lambda run: run.cradle.model in {'ho', 'pendulum', 'nsp'}"
     code = f"""from identification.sweep import QUANTITIES
-from identification.fingerprint import fingerprint
+from identification.storage.provenance import fingerprint
 print(*map(fingerprint, [*(q.measure for q in QUANTITIES.values()), {measure}]), sep="", end="")"""
     measures = [*(q.measure for q in QUANTITIES.values()), eval(measure, {"__name__": "__main__"})]
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)

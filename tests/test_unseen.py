@@ -5,13 +5,13 @@ import math
 import pytest
 
 from identification import Experiment
-from identification.diagnose.candidates import with_effects
-from identification.diagnose.course import examine
-from identification.diagnose.diagnosis import Diagnosis
-from identification.diagnose.fitted import with_known_noise
-from identification.diagnose.repair import Repaired
-from identification.diagnose.search import Searcher, Store
-from identification.diagnose.unseen import unseen
+from identification.diagnosis.repair import Repaired
+from identification.diagnosis.result import Diagnosis
+from identification.diagnosis.selection.candidates import with_effects
+from identification.diagnosis.selection.search import Searcher, Store
+from identification.diagnosis.stepwise import examine
+from identification.diagnosis.uncertainty.detection_limits import unseen
+from identification.inference.fit_result import with_known_noise
 from tests.independent.laboratory import record, write_experiment
 from tests.independent.soft_contact import SoftCradle
 

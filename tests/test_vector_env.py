@@ -17,7 +17,7 @@ from gymnasium.utils.env_checker import data_equivalence
 from gymnasium.vector import AsyncVectorEnv, AutoresetMode, SyncVectorEnv
 
 import cradle_env  # noqa: F401  registers the names
-from cradle_env.vector_env import NewtonCradleVectorEnv
+from cradle_env.envs.vector import NewtonCradleVectorEnv
 
 same = functools.partial(data_equivalence, exact=True)
 

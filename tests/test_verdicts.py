@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 
 from cradle_env import Cradle, Release
-from identification.calibration import measure_gap
-from identification.experiment import Experiment
-from identification.fit import find_mode
-from identification.likelihood import Likelihood
-from identification.posterior import Convergence, Gap, Posterior
-from identification.runs import ReleaseInfo, Run
-from identification.unknowns import model_unknowns
-from identification.wording import model_verdict
+from identification.experiment.experiment import Experiment
+from identification.experiment.run import ReleaseInfo, Run
+from identification.inference.calibration import measure_gap
+from identification.inference.likelihood import Likelihood
+from identification.inference.mode_search import find_mode
+from identification.inference.posterior import Convergence, Gap, Posterior
+from identification.inference.unknowns import model_unknowns
+from identification.reporting.wording import model_verdict
 from tests.independent.laboratory import record
 from tests.independent.soft_contact import SoftCradle
 from tests.synthetic import made_up_posterior, simulated_run

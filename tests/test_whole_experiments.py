@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from cradle_env.cradle import Cradle, Release
-from identification.experiment import Experiment, ExperimentError, Prior, ReleaseInfo, Run
-from identification.files import check_own, write_listed, write_together
-from identification.scaffold import scaffold
+from identification.experiment.experiment import Experiment, ExperimentError, Prior, ReleaseInfo, Run
+from identification.experiment.scaffold import scaffold
+from identification.storage.files import check_own, write_listed, write_together
 
 DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
 

@@ -5,13 +5,13 @@ import numpy as np
 import pytest
 from scipy.signal import lombscargle
 
-from identification.diagnose.fitted import Fitted, with_known_noise
-from identification.diagnose.lines import frequencies, independent, power
-from identification.diagnose.locate import in_words, locate
-from identification.diagnose.search import Searcher, Store, finished, placed
-from identification.diagnose.windows import windows
-from identification.experiment import Experiment
-from identification.likelihood import Likelihood
+from identification.diagnosis.residuals.periodogram import frequencies, independent, power
+from identification.diagnosis.residuals.residual_tests import in_words, locate
+from identification.diagnosis.residuals.windows import windows
+from identification.diagnosis.selection.search import Searcher, Store, finished, placed
+from identification.experiment.experiment import Experiment
+from identification.inference.fit_result import Fitted, with_known_noise
+from identification.inference.likelihood import Likelihood
 from tests.independent.laboratory import record, write_experiment
 from tests.independent.soft_contact import SoftCradle
 

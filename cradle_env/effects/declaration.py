@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from cradle_env.errors import check_range, one_line, unknown_key
-from cradle_env.mechanics.parameters import USER
+from cradle_env.mechanics.layout import USER
 
 #: Values of an effect's parameters by key; where there is one for each bob or gap, an array of them.
 Values = Mapping[str, Any]

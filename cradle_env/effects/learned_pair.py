@@ -6,7 +6,7 @@ import numpy as np
 
 from cradle_env.effects.declaration import Effect, Parameter, Values
 from cradle_env.effects.neighbours import couple
-from cradle_env.mechanics.parameters import PAIR_DECAYS
+from cradle_env.mechanics.layout import PAIR_DECAYS
 
 #: Each term's shape, g = gap/R, u the speed at which the gap opens over the scale, and its meaning.
 TERMS = {

@@ -12,7 +12,7 @@ import math
 
 from cradle_env.mechanics.forces import pivot_at
 from cradle_env.mechanics.jit import jit, leaf
-from cradle_env.mechanics.parameters import (
+from cradle_env.mechanics.layout import (
     ACTIVE,
     BROUGHT,
     CONTACT_LOSS,

@@ -4,9 +4,9 @@ import math
 
 from cradle_env.mechanics.contact import blow_speed, close_gaps, opening, pair
 from cradle_env.mechanics.forces import pivot_at
+from cradle_env.mechanics.integrator import derivative, step
 from cradle_env.mechanics.jit import jit, leaf, part
-from cradle_env.mechanics.motion import derivative, step
-from cradle_env.mechanics.parameters import (
+from cradle_env.mechanics.layout import (
     BRANCH,
     DIM,
     DUE,

@@ -11,7 +11,7 @@ from numba import types
 from numba.extending import intrinsic
 
 from cradle_env.mechanics.jit import jit, leaf
-from cradle_env.mechanics.parameters import FRAME
+from cradle_env.mechanics.layout import FRAME
 from cradle_env.mechanics.strings import stretch, tension
 
 # Angular speed [rad/s] over which pivot friction changes sign: 1e-2 of the swing's, and far from a jump.

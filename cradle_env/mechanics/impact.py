@@ -18,9 +18,9 @@ from cradle_env.mechanics.contact import (
     solve_chain,
     yielding,
 )
+from cradle_env.mechanics.integrator import free_derivative
 from cradle_env.mechanics.jit import jit
-from cradle_env.mechanics.motion import free_derivative
-from cradle_env.mechanics.parameters import (
+from cradle_env.mechanics.layout import (
     ACTIVE,
     CANDIDATE,
     CHAIN,

@@ -15,7 +15,7 @@ import math
 import numpy as np
 
 from cradle_env.mechanics.jit import entry, jit, once
-from cradle_env.mechanics.parameters import CONSTANT, KUWABARA_KONO
+from cradle_env.mechanics.layout import CONSTANT, KUWABARA_KONO
 
 # Nodes of the curves, uniform in u = sqrt(A) / (1 + sqrt(A)) so that 0 <= A < inf maps to 0 <= u < 1.
 _INTERVALS = 1024

@@ -8,12 +8,12 @@ import math
 
 import numpy as np
 
-from cradle_env.mechanics.events import arrive, finish, fly_on, regroup, turn_after_impact
+from cradle_env.mechanics.contact_detection import step_to
+from cradle_env.mechanics.event_loop import arrive, finish, fly_on, regroup, turn_after_impact
 from cradle_env.mechanics.forces import pivot_at
 from cradle_env.mechanics.impact import settle
 from cradle_env.mechanics.jit import jit
-from cradle_env.mechanics.meeting import step_to
-from cradle_env.mechanics.parameters import BROUGHT, LAST, LINK, LOSS, OPEN, OUT, PRESSED, START, T1
+from cradle_env.mechanics.layout import BROUGHT, LAST, LINK, LOSS, OPEN, OUT, PRESSED, START, T1
 
 _FIRST = np.int64(0)
 

@@ -9,7 +9,7 @@ strings only ever load, from (0, 0).
 import math
 
 from cradle_env.mechanics.jit import entry, jit, leaf
-from cradle_env.mechanics.parameters import BRANCH, LOADING, SLACK, TENSION, UNLOADING
+from cradle_env.mechanics.layout import BRANCH, LOADING, SLACK, TENSION, UNLOADING
 
 
 @leaf

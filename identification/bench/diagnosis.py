@@ -15,10 +15,10 @@ from pathlib import Path
 from typing import Any
 
 from cradle_env.effects import CATALOGUE
-from identification.diagnose import diagnose
-from identification.diagnose.report import save
-from identification.experiment import Experiment
-from identification.files import json_text, write_together
+from identification.diagnosis.report import save
+from identification.diagnosis.workflow import diagnose
+from identification.experiment.experiment import Experiment
+from identification.storage.files import json_text, write_together
 
 _COLUMNS = ("case", "hidden", "verdict", "named", "one of", "gap before", "gap after", "left", "seconds", "right")
 

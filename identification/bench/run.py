@@ -26,8 +26,8 @@ from cradle_env.cradle import Cradle, Release
 from cradle_env.errors import check_range
 from cradle_env.simulation import simulate
 from identification.bench import environment, scipy_peer
-from identification.files import check_own, write_json
-from identification.terminal import Progress, print_table
+from identification.reporting.terminal import Progress, print_table
+from identification.storage.files import check_own, write_json
 
 _FILE, _FORMAT = "bench.json", "cradle-bench/1"
 _ANGLE, _RATE = 0.228, 60.0

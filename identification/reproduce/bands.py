@@ -9,16 +9,16 @@ import numpy as np
 
 from cradle_env.cradle import Cradle
 from cradle_env.simulation import simulate
-from identification.calibration import calibrate
-from identification.experiment import Experiment
-from identification.fingerprint import program
-from identification.fit import Progress
-from identification.posterior import Posterior
+from identification.experiment.experiment import Experiment
+from identification.experiment.run import ReleaseInfo, Run
+from identification.inference.calibration import calibrate
+from identification.inference.mode_search import Progress
+from identification.inference.posterior import Posterior
+from identification.reporting.plot_style import quiet_grid
 from identification.reproduce.figure import ANGLE, BOBS, STANDARD_RELEASE, Figure, Study, Tables
 from identification.reproduce.impacts import PUBLISHED_ALPHA, PUBLISHED_N
 from identification.reproduce.sweeps import COLOURS, PARAMETERS
-from identification.runs import ReleaseInfo, Run
-from identification.style import quiet_grid
+from identification.storage.provenance import program
 
 _DRAWS = 24
 #: What a parameter of a sweep sets instead of the posterior.

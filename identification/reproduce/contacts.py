@@ -11,8 +11,8 @@ from cradle_env.collisions import contact_times
 from cradle_env.cradle import Cradle
 from cradle_env.simulation import simulate
 from cradle_env.trajectory import Trajectory
+from identification.reporting.plot_style import BLACK, BLUE, GREY, ORANGE, RED, quiet_grid
 from identification.reproduce.figure import BEYOND, STANDARD_RELEASE, Claim, Figure, Study, Table, Tables
-from identification.style import BLACK, BLUE, GREY, ORANGE, RED, quiet_grid
 from identification.sweep import Quantity
 
 _MANY = (3, 5)

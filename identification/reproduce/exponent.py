@@ -10,8 +10,8 @@ import numpy as np
 from cradle_env.cradle import Cradle, Release
 from cradle_env.simulation import simulate
 from cradle_env.synchronization import ENVELOPE_PERIODS, WINDOW
+from identification.reporting.plot_style import BLUE, RED, SKY, quiet_grid
 from identification.reproduce.figure import ANGLE, BOBS, Claim, Figure, Study, Tables
-from identification.style import BLUE, RED, SKY, quiet_grid
 
 _STARTS = ("unstretched", "hanging")
 #: What the standard set's "λ = 0.055" is, read as the Newton exponent [1/s].

@@ -15,7 +15,7 @@ from identification.sweep import Grid, Quantity, Swept, sweep
 if TYPE_CHECKING:
     import matplotlib.figure
 
-    from identification.posterior import Posterior
+    from identification.inference.posterior import Posterior
 
 #: Columns by their labels with units, each (rows,); the tables of a figure by their names.
 Table = Mapping[str, np.ndarray]

@@ -10,8 +10,8 @@ import numpy as np
 from cradle_env.collisions import contact_times, restitution_curve
 from cradle_env.cradle import POWER_LAW_SPEEDS, Cradle, InitialState, Release
 from cradle_env.simulation import simulate
+from identification.reporting.plot_style import BLACK, BLUE, GREEN, ORANGE, RED, quiet_grid
 from identification.reproduce.figure import Claim, Figure, Study, Table, Tables
-from identification.style import BLACK, BLUE, GREEN, ORANGE, RED, quiet_grid
 
 #: What the paper states of eq. 1 at k_f = 18000 N s/m^(3/2).
 PUBLISHED_ALPHA, PUBLISHED_N = 0.0356, 0.197

@@ -10,8 +10,8 @@ import numpy as np
 from cradle_env.cradle import Cradle, Release
 from cradle_env.simulation import simulate
 from cradle_env.trajectory import Trajectory
+from identification.reporting.plot_style import BLACK, BLUE, GREY, ORANGE, RED, SKY, quiet_grid
 from identification.reproduce.figure import ANGLE, Claim, Figure, Study, Tables
-from identification.style import BLACK, BLUE, GREY, ORANGE, RED, SKY, quiet_grid
 
 _STARTS = {"unstretched": BLUE, "hanging": ORANGE}
 # A close-up of the first swings, and one of the last [s].

@@ -8,8 +8,8 @@ import matplotlib.figure
 import numpy as np
 
 from cradle_env.cradle import Cradle, Release
+from identification.reporting.plot_style import BLACK, BLUE, GREEN, RED, quiet_grid
 from identification.reproduce.figure import ANGLE, BEYOND, Claim, Figure, Study, Tables
-from identification.style import BLACK, BLUE, GREEN, RED, quiet_grid
 
 _MOST, _LIFTED = 10, (1, 2, 3)
 _STARTS = ("unstretched", "hanging")

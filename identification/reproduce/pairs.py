@@ -8,9 +8,9 @@ import matplotlib.figure
 import numpy as np
 
 from cradle_env.cradle import Cradle
+from identification.reporting.plot_style import quiet_grid
 from identification.reproduce.figure import BEYOND, STANDARD_RELEASE, Claim, Figure, Study, Table, Tables
 from identification.reproduce.resonance import linear_ratio
-from identification.style import quiet_grid
 
 _BETA = (0.08, 0.26)
 _SECOND = {"delta": ("δ", -4e-3, 4e-3), "gamma": ("γ", 1e-3, 0.05)}

@@ -17,9 +17,9 @@ import numpy as np
 from cradle_env.cradle import Cradle, Release
 from cradle_env.simulation import simulate
 from cradle_env.trajectory import Trajectory
+from identification.reporting.plot_style import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, RED, quiet_grid
 from identification.reproduce.figure import ANGLE, BEYOND, Claim, Figure, Study, Table, Tables
 from identification.reproduce.sweeps import ELASTIC
-from identification.style import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, RED, quiet_grid
 from identification.sweep import Quantity
 
 #: 1/β, in which the peaks are evenly spaced; below, they run into each other.

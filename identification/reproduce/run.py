@@ -17,7 +17,13 @@ import numpy as np
 
 from cradle_env import __version__
 from cradle_env.errors import check_range, unknown_key
-from identification.files import (
+from identification.inference.posterior import Posterior
+from identification.reporting.plot_style import pdf, png, styled
+from identification.reporting.result_files import table_text
+from identification.reproduce import FIGURES
+from identification.reproduce.bands import calibrate_example, check_posterior
+from identification.reproduce.figure import FAILS, HOLDS_IF, Claim, Figure, Study, Table, Tables
+from identification.storage.files import (
     ExperimentError,
     check_own,
     holds_out,
@@ -28,13 +34,7 @@ from identification.files import (
     write_json,
     write_together,
 )
-from identification.fingerprint import program
-from identification.posterior import Posterior
-from identification.reproduce import FIGURES
-from identification.reproduce.bands import calibrate_example, check_posterior
-from identification.reproduce.figure import FAILS, HOLDS_IF, Claim, Figure, Study, Table, Tables
-from identification.results import table_text
-from identification.style import pdf, png, styled
+from identification.storage.provenance import program
 
 Progress = Callable[[str, float | None, str], None]
 FORMAT, CLAIMS_FORMAT = "cradle-figure/1", "cradle-claims/1"

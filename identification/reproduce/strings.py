@@ -11,8 +11,8 @@ import numpy as np
 from cradle_env.cradle import Cradle, Release
 from cradle_env.simulation import simulate
 from cradle_env.strings import string_tension
+from identification.reporting.plot_style import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, RED, quiet_grid
 from identification.reproduce.figure import ANGLE, BEYOND, Claim, Figure, Study, Table, Tables
-from identification.style import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, RED, quiet_grid
 
 #: Largest tensions of the single cycles, and the range of the repeated ones [N]: below the paper's 3 N.
 _SINGLE, _REPEATED, _CYCLES = (0.6, 1.2, 1.8, 2.4, 3.0), (0.5, 3.0), 6

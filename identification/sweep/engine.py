@@ -17,13 +17,13 @@ import numpy as np
 from cradle_env.cradle import Cradle, Release
 from cradle_env.errors import check_range
 from cradle_env.simulation import InterruptedRun, SimulationError, Threads, simulate
-from identification.files import holds_out
+from identification.storage.files import holds_out
 from identification.sweep.grid import Grid, built
 from identification.sweep.quantities import Quantity, chosen
 from identification.sweep.store import DONE, Plan, Store, Swept, row_type
 
 if TYPE_CHECKING:
-    from identification.fit import Progress
+    from identification.inference.mode_search import Progress
 
 #: Runs of one task, and tasks in flight: enough for the overhead to vanish, and for a large cluster to be busy.
 _TASK, _IN_FLIGHT = 8, 256

@@ -13,16 +13,16 @@ import numpy as np
 from cradle_env.cradle import Cradle
 from cradle_env.synchronization import ENVELOPE_PERIODS, FLOOR
 from cradle_env.trajectory import Trajectory
-from identification.page import render
-from identification.style import BLUE, RED
+from identification.reporting.html_page import render
+from identification.reporting.plot_style import BLUE, RED
+from identification.reporting.wording import markup, unit_markup
 from identification.sweep.engine import sweep
 from identification.sweep.grid import Grid
 from identification.sweep.quantities import Quantity
 from identification.sweep.store import Swept
-from identification.wording import markup, unit_markup
 
 if TYPE_CHECKING:
-    from identification.fit import Progress
+    from identification.inference.mode_search import Progress
 
 #: What the page goes over where nothing else is asked for: at five bobs and 60 s it has 8 MB.
 AXES: Mapping[str, np.ndarray] = {"beta": np.linspace(0.05, 0.33, 29), "delta": np.linspace(-0.02, 0.02, 11)}

@@ -13,7 +13,7 @@ import numpy as np
 from cradle_env.cradle import Cradle, Release
 from cradle_env.effects import effect
 from cradle_env.errors import one_line, unknown_key
-from identification.unknowns import FIELDS
+from identification.inference.unknowns import FIELDS
 
 #: Unit and symbol of what can be swept beside the numbers of Cradle and "effect.key".
 _OTHERS = {

@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from identification.style import bob_styles, quiet_grid, styled
+from identification.reporting.plot_style import bob_styles, quiet_grid, styled
+from identification.reporting.wording import mathtext, unit_mathtext
 from identification.sweep.grid import Axis, Grid
 from identification.sweep.quantities import Quantity
 from identification.sweep.store import Swept
-from identification.wording import mathtext, unit_mathtext
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

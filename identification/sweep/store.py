@@ -15,9 +15,9 @@ import numpy as np
 
 from cradle_env import __version__
 from cradle_env.effects import effect
-from identification.files import json_text, write_together
-from identification.fingerprint import fingerprint, program
-from identification.schema import read_json
+from identification.storage.files import json_text, write_together
+from identification.storage.provenance import fingerprint, program
+from identification.storage.schema import read_json
 from identification.sweep.grid import Grid
 from identification.sweep.quantities import Quantity
 

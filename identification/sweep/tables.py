@@ -10,10 +10,10 @@ from typing import Any
 
 import numpy as np
 
-from identification.files import replacing
+from identification.reporting.wording import unit_plain
+from identification.storage.files import replacing
 from identification.sweep.grid import Grid, describe
 from identification.sweep.store import BLOCK, Swept
-from identification.wording import unit_plain
 
 ENDINGS = (".csv", ".parquet", ".nc")
 

@@ -22,9 +22,9 @@ from cradle_env import Cradle
 from cradle_env.model_files import read_model
 from cradle_env.simulation import SimulationError
 from identification import Experiment
-from identification.likelihood import Likelihood
-from identification.posterior import Posterior
-from identification.sample import Checkpoint
+from identification.inference.likelihood import Likelihood
+from identification.inference.mcmc import Checkpoint
+from identification.inference.posterior import Posterior
 
 #: How long one file may take [s].
 _PATIENCE = 20
@@ -262,7 +262,8 @@ def fuzz(
 
 def make_sound(folder: Path) -> None:
     """An experiment of a few seconds, its calibration and a model file."""
-    from identification import calibrate, commands
+    from identification import calibrate
+    from identification.cli import commands
 
     commands.simulate(Cradle(bobs=2), _release(), 4.0, 40.0, folder, 1e-3, 0)
     experiment = Experiment.load(folder / "experiment.toml")

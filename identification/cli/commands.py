@@ -1,0 +1,368 @@
+"""What the commands do, between the words of the command line and the files that are written."""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import json
+import sys
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from cradle_env import simulation
+from cradle_env.cradle import STANDARD_BETA, Cradle, Release
+from cradle_env.effects import effect
+from cradle_env.errors import one_line, unknown_key
+from cradle_env.model_files import read_model
+from identification.experiment.experiment import Experiment
+from identification.experiment.experiment_file import FILE_NAME
+from identification.experiment.run import ReleaseInfo, Run, checked_noise
+from identification.inference.instrument import Instrument
+from identification.inference.posterior import FORMAT as POSTERIOR_FORMAT
+from identification.inference.posterior import Posterior
+from identification.reporting import result_files
+from identification.reporting.terminal import Progress, print_table
+from identification.reporting.wording import (
+    convergence_verdict,
+    estimate,
+    model_verdict,
+    number,
+    ratio,
+    rounding_of,
+    shown,
+    unit_plain,
+)
+from identification.storage.files import check_own, check_report, holds_out
+from identification.sweep.grid import EXCLUSIVE, of_other_bobs
+
+if TYPE_CHECKING:
+    from identification.diagnosis.next_experiment.expected_information import Advice
+
+#: The release of the paper, where none is stated.
+_ANGLE = 0.228
+
+
+def described(
+    source: Path | None,
+    fields: Mapping[str, Any],
+    delta: str | None,
+    effects: Sequence[str],
+    settings: Sequence[str],
+    *,
+    angle: float | None,
+    lifted: int | None,
+    start: str | None,
+    over: Sequence[str] = (),
+) -> tuple[Cradle, Release]:
+    """The cradle and the release that a command line describes; None: as in the source file, or the default. What the
+    source leaves open, and what is taken for it, is told on stderr. over: "name=values" of what is swept."""
+    swept = {text.partition("=")[0] for text in over}
+    cradle, release, unstated = Cradle(), Release(angle=_ANGLE), ()
+    if source is not None:
+        experiment = Experiment.load(source)
+        run = experiment.runs[0]
+        cradle, unstated = experiment.cradle_of(run), experiment.unknown_effect_parameters
+        if run.release is not None:
+            release = run.release.release
+        elif angle is None and not swept & {"release_angle", "gamma"}:
+            told = f"the first run of {source} states no release; {_ANGLE:g} rad is taken"
+            print(f"cradle: {told}; --release-angle states another", file=sys.stderr)
+    values = {name: value for name, value in fields.items() if value is not None}
+    if delta is not None:
+        gaps = tuple(_number("delta", gap) for gap in delta.split(","))
+        values["delta"] = gaps[0] if len(gaps) == 1 else gaps
+    elif values.get("bobs", cradle.bobs) != cradle.bobs and isinstance(cradle.delta, tuple):
+        raise ValueError(f"{source} has one delta per gap; give --delta for {values['bobs']} bobs")
+    values |= dict(_setting(text) for text in settings)
+    if str(values.get("model", "")).lower().endswith(".toml"):
+        values["model"], values["effects"] = read_model(Path(values["model"]))
+        unstated = ()
+    if effects:
+        values["effects"] = _with_effects(values.get("effects", cradle.effects), effects)
+    beta = values.pop("beta", None)
+    if beta is not None and "kappa" in values:
+        raise ValueError("both beta and kappa are given; beta sets kappa, so give one of them")
+    stated = {name for name, value in {**fields, "release_angle": angle}.items() if value is not None}
+    for one, other in (ends for pair in EXCLUSIVE for ends in (pair, pair[::-1])):
+        if one in stated and other in swept:
+            raise ValueError(f"{one} is given and {other} is swept, which set the same; leave one out")
+    if source is None and beta is None and "kappa" not in values:
+        beta = STANDARD_BETA  # of the masses and lengths that are set here
+    stated_of, cradle = cradle.bobs, cradle.replace(beta=beta, **values)
+    for name in unstated:
+        of, _, key = name.partition(".")
+        if cradle.has(of) and name not in swept and not any(text.startswith(f"{name}=") for text in effects):
+            unit = next(p.unit for p in effect(of).parameters if p.key == key)
+            told = f"{source} states no {name}; {cradle.effects[of][key]} {unit_plain(unit)}".rstrip() + " is taken"
+            print(f"cradle: {told}; --effect {name}=VALUE states another", file=sys.stderr)
+    if lifted is not None:
+        angle = release.lead(cradle)[1] if angle is None else angle
+        release = Release(angle=angle, bobs=lifted, start=release.start)
+    else:
+        release = of_other_bobs(release, stated_of, cradle.bobs)
+        release = release if angle is None else release.lifted_to(angle, cradle)
+    return cradle, release if start is None else dataclasses.replace(release, start=start)
+
+
+def _number(name: str, text: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        raise ValueError(f"{name} is {one_line(text)}, which is not a number") from None
+
+
+#: What of a cradle is said by other options than --set.
+_OWN_OPTION = ("bobs", "delta", "model", "beta", "kappa", "k_f", "b", "release_angle", "lifted", "start")
+
+
+def _setting(text: str) -> tuple[str, Any]:
+    """("length", 0.25) of "length=0.25"."""
+    name, equals, value = text.partition("=")
+    if not equals:
+        raise ValueError(f"--set {text}: expected NAME=VALUE, as length=0.25")
+    if name in _OWN_OPTION:
+        raise ValueError(f"--set {text}: {name} has an option of its own; give --{name.replace('_', '-')} {value}")
+    known = [f.name for f in dataclasses.fields(Cradle) if f.name not in (*_OWN_OPTION, "effects", "power_law")]
+    if name not in known:
+        raise ValueError(f"--set {text}: {unknown_key('name', name, known)}")
+    return name, _number(f"--set {name}", value)
+
+
+def _with_effects(known: Mapping[str, Mapping[str, Any]], texts: Sequence[str]) -> dict[str, dict[str, Any]]:
+    """The known effects with those of "name.key=value", "name" or "-name" added."""
+    effects = {name: dict(values) for name, values in known.items()}
+    for text in texts:
+        address, equals, value = text.partition("=")
+        name, dot, key = address.partition(".")
+        if bool(equals) != bool(dot):
+            raise ValueError(f"--effect {text}: expected NAME.KEY=VALUE, as quadratic_drag.c2=0.002, or -NAME")
+        entry = effects.setdefault(name, {})
+        if equals:
+            numbers = tuple(_number(f"--effect {address}", part) for part in value.split(","))
+            entry[key] = numbers[0] if len(numbers) == 1 else numbers
+    return effects
+
+
+@holds_out
+def simulate(
+    cradle: Cradle,
+    release: Release,
+    duration: float,
+    sample_rate: float,
+    out: Path,
+    noise: float | None,
+    seed: int,
+) -> None:
+    """Simulates one run and writes it; with noise [rad], an experiment with its data too."""
+    if noise is not None:
+        checked_noise(noise, "rad")
+    written = (*result_files.RUN_FILES, *(() if noise is None else (FILE_NAME, Run.file)))
+    check_own(out, (result_files.SUMMARY, *written), result_files.SUMMARY, result_files.RUN_FORMAT)
+    with Progress() as progress:
+        progress("simulate", None, "the first run after installation compiles for some seconds")
+        tell = lambda part: progress("simulate", part, f"{part * duration:.3g} of {duration:g} s")  # noqa: E731
+        run = simulation.simulate(cradle, release, duration, sample_rate, progress=tell)
+        progress("draw", None)
+        described_by = {"cradle": result_files.cradle_values(cradle), "release": result_files.release_values(release)}
+        inputs = hashlib.sha256(json.dumps([described_by, duration, sample_rate], sort_keys=True).encode()).hexdigest()
+        experiment = None if noise is None else _as_experiment(cradle, release, run.t, noise, seed)
+        summary = result_files.save_run(run, out, seed=seed, inputs=inputs, experiment=experiment)
+    rate, groups = summary["lambda"], summary["cradle"]["groups"] | {"gamma": summary["release"]["gamma"]}
+    symbols = {"alpha": "α", "n": "n", "beta": "β", "gamma": "γ"}
+    rows = [
+        ("λ", f"– ({summary['no_lambda_because']})" if rate is None else f"{number(rate['value'], 5)} 1/s"),
+        ("σ at the end", number(summary["sigma_final"])),
+        ("impacts", str(summary["impacts"])),
+        ("groups", ", ".join(f"{symbol} = {number(groups[key], 4)}" for key, symbol in symbols.items())),
+    ]
+    print_table(("quantity", "value"), rows)
+    print(f"picture: {out / 'run.png'}")
+    if noise is not None:
+        print(f"experiment: {out / 'experiment.toml'}")
+
+
+def _as_experiment(cradle: Cradle, release: Release, times: np.ndarray, noise: float, seed: int) -> Experiment:
+    """What the model's instrument would show of a run, with Gaussian noise [rad], and the truth stated."""
+    instants = np.maximum(Instrument(cradle).instants(times), 0.0)
+    order = np.argsort(instants, kind="stable")
+    motion = simulation.simulate(cradle, release, times=instants[order], ledger=False)
+    back = np.argsort(order, kind="stable")
+    shown_ = Instrument(cradle).readings(motion.theta[back])
+    shown_ = shown_ + noise * np.random.default_rng(seed).standard_normal(shown_.shape)
+    return Experiment(cradle, (Run(times, shown_, release=ReleaseInfo(release), delta=cradle.delta, noise=noise),))
+
+
+@holds_out
+def calibrate(
+    path: Path, out: Path, steps: int | None, max_steps: int, seed: int, workers: int | None
+) -> int:  # fmt: skip
+    """Calibrates an experiment and writes all of it; 0 if the chains have converged, else 1."""
+    from identification.inference.calibration import calibrate as run
+
+    check_report(out, "calibrate")
+    check_own(out, (result_files.SUMMARY, *result_files.CALIBRATION_FILES), result_files.SUMMARY, POSTERIOR_FORMAT)
+    experiment = Experiment.load(path)
+    with Progress() as progress:
+        posterior = run(
+            experiment, out=out, steps=steps, max_steps=max_steps, seed=seed, workers=workers, progress=progress
+        )
+        summary = result_files.save_calibration(posterior, out, lambda fraction, text: progress("draw", fraction, text))
+    found = {**summary["parameters"], **({"λ": summary["lambda"]} if summary["lambda"] else {})}
+    print_table(_COLUMNS, [_row(name, entry, entry["unit"]) for name, entry in found.items()])
+    print(model_verdict(summary))
+    print(f"report: {out / 'report.html'}")
+    if not summary["converged"]:
+        print(f"cradle: {convergence_verdict(summary)}", file=sys.stderr)
+        return 1
+    print(convergence_verdict(summary))
+    return 0
+
+
+@holds_out
+def diagnose(path: Path, out: Path, seed: int, workers: int | None) -> None:
+    """Diagnoses an experiment and writes what was found."""
+    from identification.diagnosis.report import check_folder, save, sentence
+    from identification.diagnosis.workflow import diagnose as run
+
+    check_report(out, "diagnose")
+    check_folder(out)
+    experiment = Experiment.load(path)
+    with Progress() as progress:
+        diagnosis = run(experiment, out=out, seed=seed, workers=workers, progress=progress)
+        content = save(diagnosis, out, progress)
+    if content["steps"]:
+        rows = []
+        for step in content["steps"]:
+            units = {p.key: p.unit for p in effect(step["effect"]).parameters}
+            found = ", ".join(f"{key} = {_known(entry, units[key])}" for key, entry in step["parameters"].items())
+            rows.append((step["effect"], found or "–", ratio(step["gap_before"]), ratio(step["gap_after"])))
+        print_table(("effect", "parameters (95 %)", "gap before", "gap after"), rows)
+    for warning in content["warnings"]:
+        print(f"cradle: {warning}", file=sys.stderr)
+    print(f"{content['verdict']}: {sentence(content)}")
+    if diagnosis.advice is not None:
+        print(advised(diagnosis.advice))
+    print(f"report: {out / 'report.html'}")
+
+
+def advised(advice: Advice) -> str:
+    """The next experiment in a line."""
+    from identification.diagnosis.next_experiment.run_grid import described as described_run
+
+    if advice.in_vain:
+        return advice.instead
+    plan = advice.plans[0]
+    return f"next experiment: {described_run(plan.setting, plan.duration)}. {advice.instead}".rstrip()
+
+
+@holds_out
+def design(
+    path: Path, out: Path, between: Sequence[str], diagnosis: Path | None, seed: int, workers: int | None
+) -> None:
+    """Designs the next experiment and writes it."""
+    from identification.diagnosis.next_experiment.design import design as run
+    from identification.diagnosis.next_experiment.design_report import check_folder, save, sentence, shown
+    from identification.diagnosis.next_experiment.run_grid import described as described_run
+
+    check_folder(out)
+    experiment = Experiment.load(path)
+    with Progress() as progress:
+        designed = run(
+            experiment, between=between, diagnosis=diagnosis, out=out, seed=seed, workers=workers, progress=progress
+        )
+        progress("draw", None)
+        save(designed, out)
+    column = "log Bayes factor" if designed.sets else "ln of the gain in λ"
+    rows = [
+        (described_run(plan.setting, plan.duration), number(plan.predicted), *([shown(plan)] if designed.sets else []))
+        for plan in designed.advice.plans[:5]
+    ]
+    print_table(("run", f"{column}, first order", *(["simulated"] if designed.sets else [])), rows)
+    print(sentence(designed))
+    print(f"report: {out / 'report.html'}")
+
+
+def _known(entry: Mapping[str, Any], unit: str) -> str:
+    """A parameter of an effect with its 95 % interval, or one for each bob or gap."""
+    if isinstance(entry["median"], Sequence):
+        pairs = zip(entry["median"], entry["ci95"], strict=True)
+        return "[" + ", ".join(_known({"median": median, "ci95": ends}, unit) for median, ends in pairs) + "]"
+    median, interval, exponent = estimate(entry["median"], entry["ci95"])
+    return f"{median} ({interval}) {unit_plain(unit, exponent)}".rstrip()
+
+
+@holds_out
+def predict(
+    folder: Path,
+    out: Path,
+    delta: float | None,
+    release_angle: float | None,
+    bobs: int | None,
+    draws: int,
+    seed: int,
+    workers: int | None,
+) -> None:
+    """Predicts σ(t) and λ from a calibration and writes them."""
+    file = _posterior_file(folder)
+    check_own(
+        out,
+        (result_files.PREDICTION, *result_files.PREDICTION_FILES),
+        result_files.PREDICTION,
+        result_files.PREDICTION_FORMAT,
+    )
+    with Progress() as progress:
+        progress("load", None)
+        posterior = dataclasses.replace(Posterior.load(file, workers), seed=seed)
+        progress("predict", None, f"{draws} runs")
+        prediction = posterior.predict(delta, release_angle, bobs, count=draws)
+        progress("draw", None)
+        content = result_files.save_prediction(prediction, out, posterior=posterior, seed=seed)
+    rows = [_row("λ", content["lambda"], "1/s")]
+    for second, bands in content["sigma_at_s"].items():
+        half = 0.5 * float(bands["ci68"][1] - bands["ci68"][0])
+        rows.append(_row(f"σ({second} s)", {**bands, "sd": half}, "1"))
+    print_table(_COLUMNS, rows)
+    for key, verdict in (("converged", convergence_verdict), ("model_describes_data", model_verdict)):
+        if not content["calibration"][key]:
+            print(f"cradle: of the calibration: {verdict(posterior.summary())}", file=sys.stderr)
+    print(f"picture: {out / 'prediction.png'}")
+
+
+def _posterior_file(folder: Path) -> Path:
+    """The posterior of a calibration, by its folder or itself."""
+    file = folder / "posterior.nc" if folder.is_dir() else folder
+    if not file.is_file():
+        raise FileNotFoundError(
+            2, "no posterior there; make one with cradle calibrate EXPERIMENT.toml --out", str(file)
+        )
+    return file
+
+
+@holds_out
+def reproduce(
+    out: Path, only: Sequence[str], values: int, calibration: Path | None, seed: int, workers: int | None
+) -> None:
+    """Makes the paper's figures and judges its claims."""
+    from identification.reproduce.run import reproduce as run
+
+    source = None if calibration is None else _posterior_file(calibration)
+    with Progress() as progress:
+        content = run(out, only, values=values, calibration=source, seed=seed, workers=workers, progress=progress)
+    print_table(
+        ("verdict", "figure", "claim"),
+        [(claim["verdict"], claim["figure"], claim["statement"]) for claim in content["claims"]],
+    )
+    print(f"claims, with their numbers: {out / 'claims.md'}")
+
+
+_COLUMNS = ("quantity", "median ± sd", "68 % interval", "95 % interval", "unit")
+
+
+def _row(name: str, found: Mapping[str, Any], unit: str) -> tuple[str, ...]:
+    """A line of a table of results, rounded to its uncertainty."""
+    text = shown(found)
+    spread = f"{text['median']} ± {text['sd']}"
+    return name, spread, text["ci68"], text["ci95"], unit_plain(unit, rounding_of(found).exponent)

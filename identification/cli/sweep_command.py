@@ -1,0 +1,190 @@
+"""What `cradle sweep` does, between the words of the command line and the files that are written."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import numpy as np
+
+from cradle_env import __version__
+from cradle_env.cradle import Cradle, Release
+from identification.inference.unknowns import matters
+from identification.reporting.plot_style import png
+from identification.reporting.result_files import cradle_values, release_values
+from identification.reporting.terminal import Progress, print_table
+from identification.reporting.wording import number, unit_plain
+from identification.storage.files import check_own, holds_out, write_listed
+from identification.sweep import explore
+from identification.sweep.engine import sweep
+from identification.sweep.grid import Grid, describe
+from identification.sweep.picture import sweep_figure
+from identification.sweep.quantities import QUANTITIES
+from identification.sweep.store import FORMAT, Swept
+from identification.sweep.tables import check_table
+
+#: A slip of the pen rather than an axis.
+_MOST = 10_000_000
+#: What a sweep is told by, and lists its files in; those beside its tables.
+_STAMP, _PICTURE, _PAGE = "sweep.json", "sweep.png", "explore.html"
+#: What the paper's groups set, of that which a cradle may ignore.
+_SETS = {"beta": "kappa"}
+
+
+@dataclass(frozen=True)
+class Asked:
+    """What a command line asks for: axes "name=values", quantities, times "values", a table's name, a page or not."""
+
+    over: Sequence[str]
+    quantities: Sequence[str]
+    times: str | None
+    table: str
+    explore: bool
+
+
+def axis(text: str) -> tuple[str, np.ndarray]:
+    """("beta", its values) of "beta=0.05:0.4:400", "k_f=1e3:1e5:50:log" or "bobs=2,3,5"."""
+    name, equals, values = text.partition("=")
+    if not equals:
+        raise ValueError(f"--over {text}: expected NAME=VALUES, as beta=0.05:0.4:400 or bobs=2,3,5")
+    return name, numbers(f"--over {text}", values)
+
+
+def numbers(at: str, text: str) -> np.ndarray:
+    """The values that "FIRST:LAST:COUNT", with ":log" in the end or without, or "2,3,5" stands for; at: where."""
+    ranged = text.removesuffix(":log")
+    try:
+        if ":" not in ranged:
+            return np.array([float(part) for part in text.split(",")])
+        first, last, count = ranged.split(":")
+        low, high, many = float(first), float(last), int(count)
+    except ValueError:
+        raise ValueError(f"{at}: expected FIRST:LAST:COUNT, FIRST:LAST:COUNT:log or numbers as 2,3,5") from None
+    if not 1 <= many <= _MOST:
+        raise ValueError(f"{at}: {many} values; the count must be from 1 to {_MOST}")
+    if ranged != text and not (low > 0.0 and high > 0.0):
+        raise ValueError(f"{at}: a logarithmic axis goes from one positive number to another")
+    return np.geomspace(low, high, many) if ranged != text else np.linspace(low, high, many)
+
+
+@holds_out
+def run(
+    cradle: Cradle,
+    release: Release,
+    asked: Asked,
+    duration: float,
+    sample_rate: float,
+    out: Path,
+    seed: int,
+    workers: int | None,
+) -> None:
+    """Sweeps, and writes table, picture, summary and, if asked for, the page."""
+    check_table(out / asked.table)
+    if Path(asked.table).name != asked.table:
+        raise ValueError(f"--table {asked.table}: expected a name alone; --out names the folder")
+    check_own(out, (_STAMP, asked.table, _PICTURE, *([_PAGE] if asked.explore else [])), _STAMP, FORMAT)
+    axes = _axes(asked)
+    grid = Grid(axes, cradle, release)
+    for name in _idle(grid):
+        told = f"model {cradle.model}, {cradle.bobs} bob{'s' if cradle.bobs > 1 else ''}"
+        print(f"cradle: {name} does not matter to this cradle ({told}); along it all runs are alike", file=sys.stderr)
+    times = None if asked.times is None else numbers(f"--times {asked.times}", asked.times)
+    if asked.explore:
+        explore.check_size(grid, duration)
+    with Progress() as progress:
+        progress("sweep", None, "the first run after installation compiles for some seconds")
+        settings: dict[str, Any] = {"duration": duration, "sample_rate": sample_rate, "workers": workers}
+        swept = sweep(grid, asked.quantities, times=times, out=out, progress=progress, **settings)
+        files: dict[str, str | bytes | Path] = {_PICTURE: png(sweep_figure(swept))}
+        if asked.explore:
+            tell = lambda _, fraction, text: progress("page", fraction, text)  # noqa: E731
+            files[_PAGE] = explore.explore_html(grid, out=out / "explore", progress=tell, **settings)
+        progress("write", None, asked.table)
+        with TemporaryDirectory(dir=out) as scratch:
+            files[asked.table] = swept.save(Path(scratch) / asked.table)
+            content = write_listed(out, files, _STAMP, _summary(swept, seed))
+    rows = []
+    for name, found in content["quantities"].items():
+        unit = unit_plain(QUANTITIES[name].unit)
+        ends = [found[end] for end in _ENDS if found.get(end)]
+        if ends:
+            told = (f"{number(end['value'], 4)} {unit} at {_place(end['at'])}" for end in ends)
+            rows.append((QUANTITIES[name].symbol, *told))
+        elif not QUANTITIES[name].series:
+            rows.append((QUANTITIES[name].symbol, "–", "–"))
+    if rows:
+        print_table(("quantity", *_ENDS), rows)
+    for reason, count in content["impossible"].items():
+        print(f"{count} of {len(grid)} points cannot be simulated; the first: {reason}")
+    print(f"table: {out / asked.table}")
+    print(f"picture: {out / _PICTURE}")
+    if asked.explore:
+        print(f"page: {out / _PAGE}")
+
+
+_ENDS = ("least", "largest")
+
+
+def _axes(asked: Asked) -> Mapping[str, np.ndarray]:
+    if not asked.over and asked.explore:
+        return explore.AXES
+    axes: dict[str, np.ndarray] = {}
+    for text in asked.over:
+        name, values = axis(text)
+        if name in axes:
+            raise ValueError(f"--over {name} is given twice; leave one out")
+        axes[name] = values
+    return axes
+
+
+def _idle(grid: Grid) -> list[str]:
+    """Names of what is swept though the cradle ignores it."""
+    if "bobs" in grid.names:
+        return []
+    return [name for name in grid.names if not matters(grid.cradle, _SETS.get(name, name.partition("[")[0]))]
+
+
+def _place(at: dict[str, float]) -> str:
+    return ", ".join(f"{describe(name)[1]} = {value:.6g}" for name, value in at.items())
+
+
+def _summary(swept: Swept, seed: int) -> dict[str, Any]:
+    """What `sweep.json` holds: what was swept, and of each quantity where it is least and largest."""
+    plan = swept.plan
+    quantities: dict[str, dict[str, Any]] = {}
+    for q in plan.quantities:
+        quantities[q.name] = {"unit": q.unit, "meaning": q.meaning}
+        if q.series:
+            continue
+        values = swept[q.name].ravel()
+        for end, find in zip(_ENDS, (np.nanargmin, np.nanargmax), strict=True):
+            quantities[q.name][end] = None
+            if np.isfinite(values).any():
+                index = int(find(values))
+                at = zip(plan.grid.names, plan.grid.values(np.array([index]))[0], strict=True)
+                quantities[q.name][end] = {"value": values[index], "at": dict(at)}
+    return {
+        "format": FORMAT,
+        "version": __version__,
+        "seed": seed,
+        "inputs": plan.digest(),
+        "cradle": cradle_values(plan.grid.cradle),
+        "release": release_values(plan.grid.release),
+        "axes": {
+            axis.name: {
+                "unit": axis.described[0],
+                "first": axis.values[0],
+                "last": axis.values[-1],
+                "count": len(axis),
+            }
+            for axis in plan.grid.axes
+        },
+        "duration_s": plan.duration,
+        "runs": len(plan.grid),
+        "quantities": quantities,
+        "impossible": swept.failures(),
+    }

@@ -1,0 +1,244 @@
+"""Slips of the instrument: a bob's readings that shift or stray for a while, and times that do after a lost frame.
+
+No force makes a bob jump. Where the fitted model leaves more than noise, each slip is sought that would explain it: to
+first order, beside all that the unknowns absorb, then by a refit to the data with the slip undone. It is told only if
+nearly nothing is left then: what a missing effect leaves is spread over the run, and no single slip takes it away.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from identification.experiment.experiment import Experiment
+from identification.experiment.run import Run
+from identification.inference.fit_result import Fitted, span
+from identification.inference.likelihood import Likelihood
+from identification.inference.mode_search import refine
+
+#: Excess of χ² over the number of readings R from which slips are sought, in √(2R); share of it that one must explain.
+_EXCESS, _SHARE = 6.0, 0.9
+#: Share of the excess that a slip must explain to first order to be worth refits.
+_WORTH = 0.3
+#: Points in time between which shifts are first sought, and how many of the best slips are tried by refits.
+_EDGES, _TRIED = 250, 3
+#: Refits in which the size of a slip settles, and evaluations in each.
+_ROUNDS, _EVALUATIONS = 4, 12
+#: Residuals beyond this many standard deviations may stray; such a stretch lasts at most this share of the run.
+_STRAY, _BRIEF = 4.0, 0.05
+
+
+@dataclass(frozen=True)
+class Slip:
+    """Rows [first, last) of a run (from 0) in which `bob` (from 0) is shifted by `size` [rad or m], or, with nan,
+    strays; bob −1: the times are too early by `size` [s] from `first` on. gain: the χ² that it explains to first
+    order, of so much in excess (`of`) once what changes slowly is taken away."""
+
+    run: int
+    bob: int
+    first: int
+    last: int
+    size: float
+    gain: float
+    of: float
+
+    def undone(self, experiment: Experiment) -> Experiment:
+        """The experiment without it."""
+        run = experiment.runs[self.run]
+        times, readings = run.times.copy(), run.readings.copy()
+        if self.bob < 0:
+            times[self.first :] += self.size
+        else:
+            readings[self.first : self.last, self.bob] -= self.size
+        mended = dataclasses.replace(run, times=times, readings=readings)
+        runs = tuple(mended if k == self.run else other for k, other in enumerate(experiment.runs))
+        return dataclasses.replace(experiment, runs=runs)
+
+
+def check_slips(fitted: Fitted) -> None:
+    """ValueError, naming file, row, bob and remedy, if a slip explains what a fit to all readings leaves."""
+    excess = fitted.chi2 - fitted.count
+    if excess < _EXCESS * math.sqrt(2.0 * fitted.count):
+        return
+    for slip in sorted(_found(fitted), key=lambda slip: -slip.gain)[:_TRIED]:
+        if slip.gain < _WORTH * slip.of:
+            continue
+        slip, left = _settled(fitted, slip)
+        if left < (1.0 - _SHARE) * excess:
+            raise ValueError(_told(slip, fitted.experiment.runs[slip.run]))
+
+
+def _found(fitted: Fitted, likes: Slip | None = None) -> list[Slip]:
+    """The best slip of each kind in each run and bob; likes: only of the kind, run and bob of that one."""
+    found = []
+    for k in np.unique(fitted.readings.run):
+        if likes is None or likes.run == k:
+            scan = _Scan.of(fitted, int(k))
+            bobs = range(scan.seen.shape[1]) if likes is None else [likes.bob]
+            if likes is None or likes.bob < 0:
+                found += scan.late()
+            for bob in bobs:
+                if bob >= 0 and scan.seen[:, bob].any():
+                    if likes is None or not math.isnan(likes.size):
+                        found += scan.shifted(bob)
+                    if likes is None or math.isnan(likes.size):
+                        found += scan.stray(bob)
+    return found
+
+
+@dataclass(frozen=True, eq=False)
+class _Scan:
+    """The T fitted rows of run `run`: `rows` (T,) of them in the run, residuals (T, N), 0 where not seen; seen (T, N);
+    basis (T, N, K) of what unknowns absorb, and a constant for each bob, a late start and a slow clock; rate (T, N):
+    what a second's delay adds to the residuals; noise [rad or m]; spacing of the times [s]."""
+
+    run: int
+    rows: np.ndarray
+    residuals: np.ndarray
+    seen: np.ndarray
+    basis: np.ndarray
+    rate: np.ndarray
+    noise: float
+    spacing: float
+
+    @classmethod
+    def of(cls, fitted: Fitted, k: int) -> _Scan:
+        likelihood, at = fitted.likelihood, fitted.readings
+        run, rows, noise = fitted.experiment.runs[k], np.flatnonzero(likelihood.rows[k]), likelihood.noise[k]
+        seen = ~np.isnan(run.readings[rows])
+        here = np.flatnonzero(at.run == k)
+        rate = _rate(fitted, k) / noise
+        smooth = np.zeros((len(fitted.residuals), run.readings.shape[1] + 2))
+        smooth[here, at.bob[here]] = 1.0
+        smooth[here, -2] = rate[seen]
+        smooth[here, -1] = rate[seen] * (at.time[here] - at.time[here].mean())
+        absorbed = np.column_stack([fitted.absorbed, span(fitted.project(smooth))])
+        left = fitted.residuals - absorbed @ (absorbed.T @ fitted.residuals)
+        residuals, basis = np.zeros(seen.shape), np.zeros((*seen.shape, absorbed.shape[1]))
+        residuals[seen], basis[seen] = left[here], absorbed[here]
+        spacing = float(np.median(np.diff(run.times)))
+        return cls(k, rows, residuals, seen, basis, np.where(seen, rate, 0.0), noise, spacing)
+
+    @property
+    def excess(self) -> float:
+        """Of χ² over the number of readings."""
+        return float(np.sum(self.residuals**2) - self.seen.sum())
+
+    def late(self) -> list[Slip]:
+        """The best loss of frames: from one row on, times are too early."""
+        along = np.cumsum((self.rate * self.residuals).sum(axis=1)[::-1])[::-1]
+        absorbed = np.cumsum(np.einsum("tb,tbk->tk", self.rate, self.basis)[::-1], axis=0)[::-1]
+        square = np.cumsum((self.rate**2).sum(axis=1)[::-1])[::-1] - np.sum(absorbed**2, axis=1)
+        gain = np.where(square > 1e-6 * square.max(), along**2 / np.maximum(square, 1e-300), 0.0)
+        gain[along > 0.0] = 0.0  # the model, at times too early, runs behind the data
+        i = int(np.argmax(gain))
+        frames = round(-along[i] / square[i] / self.spacing) if gain[i] > 0.0 else 0
+        if frames < 1:
+            return []
+        return [
+            Slip(
+                self.run,
+                -1,
+                int(self.rows[i]),
+                int(self.rows[-1]) + 1,
+                frames * self.spacing,
+                float(gain[i]),
+                self.excess,
+            )
+        ]
+
+    def shifted(self, bob: int) -> list[Slip]:
+        """The best shift of one bob's readings: first between few points in time, then row by row about the ends."""
+        count = len(self.rows)
+        coarse = np.unique(np.linspace(0, count, _EDGES + 1).astype(int))
+        first, last, _, _ = self._shift(bob, coarse, coarse)
+        near = 2 * math.ceil(count / _EDGES)
+        firsts, lasts = (np.arange(max(0, i - near), min(count, i + near) + 1) for i in (first, last))
+        first, last, size, gain = self._shift(bob, firsts, lasts)
+        if gain <= 0.0:
+            return []
+        if first == 0:  # beside a constant, the same as a shift of the rest the other way
+            first, last, size = last, count, -size
+        return [Slip(self.run, bob, int(self.rows[first]), int(self.rows[last - 1]) + 1, size, gain, self.excess)]
+
+    def _shift(self, bob: int, firsts: np.ndarray, lasts: np.ndarray) -> tuple[int, int, float, float]:
+        """(first, last, size, gain) of the best shift between two of these."""
+        zero = np.zeros((1, 1))
+        along = np.concatenate([zero[0], np.cumsum(self.residuals[:, bob])])
+        number = np.concatenate([zero[0], np.cumsum(self.seen[:, bob])])
+        absorbed = np.concatenate([np.zeros((1, self.basis.shape[2])), np.cumsum(self.basis[:, bob], axis=0)])
+        sums = along[lasts] - along[firsts][:, None]
+        square = number[lasts] - number[firsts][:, None]
+        square = square - np.sum((absorbed[lasts] - absorbed[firsts][:, None]) ** 2, axis=2)
+        usable = (lasts > firsts[:, None]) & (square > 0.5)
+        gain = np.where(usable, sums**2 / np.where(usable, square, 1.0), 0.0)
+        i, j = np.unravel_index(np.argmax(gain), gain.shape)
+        size = -self.noise * sums[i, j] / max(square[i, j], 0.5)
+        return int(firsts[i]), int(lasts[j]), float(size), float(gain[i, j])
+
+    def stray(self, bob: int) -> list[Slip]:
+        """The brief stretch of one bob's readings that is least like noise: the largest sum of what exceeds it."""
+        own = self.residuals[:, bob]
+        scale = max(1.0, 1.4826 * float(np.median(np.abs(own[self.seen[:, bob]]))))
+        sums = np.concatenate([[0.0], np.cumsum(np.where(self.seen[:, bob], (own / scale) ** 2 - _STRAY**2, 0.0))])
+        lowest = np.minimum.accumulate(sums)
+        last = int(np.argmax(sums - lowest))
+        first = int(np.argmin(sums[: last + 1]))
+        gain = float(np.sum(own[first:last] ** 2)) - (last - first)
+        if not 0 < last - first <= _BRIEF * len(own):
+            return []
+        return [Slip(self.run, bob, int(self.rows[first]), int(self.rows[last - 1]) + 1, math.nan, gain, self.excess)]
+
+
+def _rate(fitted: Fitted, k: int) -> np.ndarray:
+    """d readings/dt by the model at the fitted rows of a run, (T, N) [rad/s or m/s]."""
+    h = 1e-3
+    sides = []
+    for step in (-h, h):
+        runs = list(fitted.experiment.runs)
+        runs[k] = dataclasses.replace(runs[k], times=runs[k].times + step)
+        moved = Likelihood(dataclasses.replace(fitted.experiment, runs=tuple(runs)), None, fitted.likelihood.workers)
+        sides.append(moved.predict(fitted.point, k, fitted.likelihood.rows[k])[0])
+    return (sides[1] - sides[0]) / (2.0 * h)
+
+
+def _settled(fitted: Fitted, slip: Slip) -> tuple[Slip, float]:
+    """(the slip, excess of χ² that is left) once neither it nor the unknowns change any more."""
+    likelihood, point = fitted.likelihood, fitted.point
+    left = math.inf
+    for _ in range(_ROUNDS):
+        mended = Likelihood(slip.undone(fitted.experiment), likelihood.rows, likelihood.workers)
+        point, cost = refine(mended, point, _EVALUATIONS)
+        left = cost - Fitted(mended, point).count
+        again = _found(Fitted(likelihood, point), slip)
+        if not again or again[0] == slip:
+            break
+        slip = again[0]
+    return slip, left
+
+
+def _told(slip: Slip, run: Run) -> str:
+    """What is wrong and what to do, in one line."""
+    begin = f"{run.file}, {run.place(slip.first, max(slip.bob, 0))}, t = {run.times[slip.first]:.6g} s"
+    if slip.bob < 0:
+        spacing = float(np.median(np.diff(run.times)))
+        frames = round(slip.size / spacing)
+        return (
+            f"{begin}: from here on all bobs are ahead by {1e3 * slip.size:.3g} ms,"
+            f" {frames} frame{'s' if frames > 1 else ''} of {1e3 * spacing:.3g} ms, as where a camera dropped"
+            f" {'them' if frames > 1 else 'one'}; add that to the times from this row on, or set fit_to before it"
+        )
+    where = f"{begin}, bob {slip.bob + 1}: the readings"
+    end = f"{run.place(slip.last - 1, slip.bob)}, t = {run.times[slip.last - 1]:.6g} s"
+    own = np.flatnonzero(run.fitted & ~np.isnan(run.readings[:, slip.bob]))
+    lasting = "from here on" if slip.last > own[-1] else f"up to {end},"
+    if math.isnan(slip.size):
+        return f"{where} {lasting} are where no motion leads, as of a tracker that lost the bob; leave them empty"
+    size = f"{slip.size / run.scale:+.3g} {run.unit}"
+    return (
+        f"{where} {lasting} are shifted by {size}, as of a tracker that slipped;"
+        f" subtract that from them, or leave them empty"
+    )

@@ -1,0 +1,85 @@
+"""Whether several runs are of one cradle. Where a joint fit leaves more than noise, each run is fitted alone, its
+length free: runs of different cradles then leave noise, and their lengths or k_f differ far beyond their uncertainty.
+
+A missing effect leaves something in each run, or bends b as well, another at each amplitude: k_f counts only where all
+else agrees.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+import math
+
+import numpy as np
+
+from identification.experiment.run import Prior
+from identification.inference.fit_result import Fitted
+from identification.inference.likelihood import Likelihood
+from identification.inference.mode_search import Progress, find_mode
+from identification.inference.unknowns import FIELDS
+
+#: Excess of χ² over the number of readings R from which runs are compared, in √(2R); share of it that may be left.
+_EXCESS, _LEFT = 6.0, 0.1
+#: Relative differences that one cradle does not show from run to run, and at how many standard deviations.
+_DIFFERENT, _CERTAIN = {"length": 0.004, "k_f": 0.1}, 10.0
+#: Standard deviations within which all else agrees.
+_ALIKE = 5.0
+#: Relative standard deviation of the prior of the length, where it is not to be inferred anyway.
+_LENGTH = 0.03
+
+
+def check_agreement(fitted: Fitted, seed: int, tell: Progress) -> None:
+    """ValueError, naming two runs and what differs, if runs fitted together are of different cradles."""
+    runs, excess = fitted.experiment.runs, fitted.chi2 - fitted.count
+    if len(runs) < 2 or excess < _EXCESS * math.sqrt(2.0 * fitted.count):
+        return
+    left, alone = 0.0, []
+    for k, run in enumerate(runs):
+        tell("check", k / len(runs), f"{run.file} alone")
+        cost, known = _alone(fitted, k, seed)
+        left += cost
+        alone.append(known)
+    if left > _LEFT * excess:
+        return
+    for i, j in itertools.combinations(range(len(runs)), 2):
+        name = _differing(alone[i], alone[j])
+        if name is not None:
+            (one, sd), (other, other_sd) = alone[i][name], alone[j][name]
+            raise ValueError(
+                f"{runs[j].file} and {runs[i].file} are not of one cradle: fitted alone, their {name} is"
+                f" {other:.5g} ± {other_sd:.1g} and {one:.5g} ± {sd:.1g} {FIELDS[name][0]}; diagnose them apart, or"
+                " check what is stated of each"
+            )
+
+
+Known = dict[str, tuple[float, float]]
+
+
+def _differing(one: Known, other: Known) -> str | None:
+    """What tells two cradles apart, by value and standard deviation of their unknowns; None if nothing does."""
+    apart = {name: abs(other[name][0] - value) / math.hypot(sd, other[name][1]) for name, (value, sd) in one.items()}
+    for name, least in _DIFFERENT.items():
+        if name in apart and apart[name] > _CERTAIN and abs(other[name][0] / one[name][0] - 1.0) > least:
+            if name == "length" or all(z < _ALIKE for key, z in apart.items() if key not in _DIFFERENT):
+                return name
+    return None
+
+
+def _alone(fitted: Fitted, k: int, seed: int) -> tuple[float, Known]:
+    """(excess of χ², value and standard deviation of each unknown of the cradle) of run k alone."""
+    together = fitted.experiment
+    length = together.cradle.length
+    infer = {"length": Prior(mean=length, sd=_LENGTH * length), **together.infer}
+    likelihood = Likelihood(
+        dataclasses.replace(together, runs=(together.runs[k],), infer=infer),
+        [fitted.likelihood.rows[k]],
+        fitted.likelihood.workers,
+    )
+    mode = find_mode(likelihood, seed)
+    values, deviations = likelihood.values(mode.point), np.sqrt(np.diag(mode.covariance))
+    found = {}
+    for u, sd in zip(likelihood.unknowns, deviations, strict=True):
+        if not u.nuisance:
+            found[u.name] = values[u.name], float(sd * (values[u.name] if u.log else 1.0))
+    return mode.cost - Fitted(likelihood, mode.point).count, found

@@ -1,0 +1,205 @@
+"""Pictures of a diagnosis: where model and data part, what may be missing, before and after."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from identification.diagnosis.learned_law.law_shape import Shape
+from identification.diagnosis.residuals.residual_tests import Place
+from identification.diagnosis.result import Diagnosis
+from identification.diagnosis.stepwise import Examined
+from identification.inference.fit_result import Fitted
+from identification.inference.mode_search import training_rows
+from identification.reporting.plot_style import BLUE, GREEN, GREY, ORANGE, RED, quiet_grid, styled
+from identification.reporting.wording import literal
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+#: Bobs shown at most, and the width of the close-up of the last swings [small-angle periods].
+_MOST_BOBS, _CLOSE_UP = 5, 4.0
+#: Curves of a law side by side.
+_ACROSS = 3
+
+
+def in_windows(examined: Examined) -> list[tuple[Place, float]]:
+    """The places of single bobs in a window, in flight and near impacts, and the surprise of each; [] where readings
+    are too few for any."""
+    return [
+        (place, value) for place, value in zip(examined.located.places, examined.located.statistic, strict=True)
+        if place.bob >= 0 and place.phase in ("flight", "impact")
+    ]  # fmt: skip
+
+
+@styled
+def map_figure(examined: Examined) -> Figure:
+    """Surprise of every window of every bob, in flight and near impacts, where there are any."""
+    from matplotlib.colors import SymLogNorm
+    from matplotlib.figure import Figure
+
+    places = in_windows(examined)
+    runs = sorted({place.run for place, _ in places})
+    bobs = sorted({place.bob for place, _ in places})
+    figure = Figure(figsize=(9.0, 0.9 + len(runs) * (0.7 + 0.42 * len(bobs))), layout="constrained")
+    limit = float(np.quantile(examined.located.replicas, 0.95))
+    most = max(2.0 * limit, float(np.quantile([v for _, v in places], 0.98)))
+    scale = SymLogNorm(2.0 * limit, vmin=0.0, vmax=most)
+    grid = figure.subplots(len(runs), 1, squeeze=False)[:, 0]
+    image = None
+    for axes, k in zip(grid, runs, strict=True):
+        labels = []
+        for row, (bob, phase) in enumerate((bob, phase) for bob in bobs for phase in ("flight", "impact")):
+            own = [(p, v) for p, v in places if p.run == k and p.bob == bob and p.phase == phase]
+            for place, value in own:
+                image = axes.pcolormesh(
+                    np.array(place.interval), np.array([row - 0.46, row + 0.46]), np.array([[value]]),
+                    norm=scale, cmap="Greys",
+                )  # fmt: skip
+                if value > limit:
+                    centre = 0.5 * sum(place.interval)
+                    axes.plot(centre, row, marker="o", markersize=3.0, color=ORANGE, linestyle="")
+            labels.append(f"bob {bob + 1}, {'in flight' if phase == 'flight' else 'at impacts'}")
+        axes.set_yticks(range(len(labels)), labels)
+        axes.set_ylim(len(labels) - 0.5, -0.5)
+        axes.set_xlabel("time [s]")
+        axes.set_title(
+            f"{literal(examined.fitted.experiment.runs[k].file)}: dots are beyond what chance gives one scan in 20"
+        )
+    if image is not None:
+        figure.colorbar(image, ax=list(grid), label="−log$_{10}$ p of a place", extend="max", fraction=0.04)
+    return figure
+
+
+@styled
+def energy_figure(diagnosis: Diagnosis) -> Figure:
+    """The energy that the data hold beyond the base model and the repaired one, window by window with ± 1 sd."""
+    from matplotlib.figure import Figure
+
+    models = (
+        (diagnosis.base_name, RED, "o", diagnosis.repaired.examined[0]),
+        ("repaired", GREEN, "s", diagnosis.repaired.last),
+    )
+    runs = sorted({excess.run for excess in models[0][-1].located.ledger})
+    figure = Figure(figsize=(9.0, 0.7 + 2.1 * len(runs)), layout="constrained")
+    for axes, run in zip(figure.subplots(len(runs), 1, squeeze=False)[:, 0], runs, strict=True):
+        axes.axhline(0.0, color=GREY, linewidth=0.8)
+        for name, colour, marker, examined in models if diagnosis.repaired.steps else models[:1]:
+            own = [excess for excess in examined.located.ledger if excess.run == run]
+            axes.errorbar(
+                [e.time for e in own], [1e6 * e.energy for e in own], [1e6 * e.sd for e in own],
+                color=colour, marker=marker, markersize=4.0, linewidth=0.9, capsize=2.0, label=f"model {name}",
+            )  # fmt: skip
+        axes.set_xlabel("time [s]")
+        axes.set_ylabel("energy of data\nless model [µJ]")
+        axes.set_title(literal(diagnosis.experiment.runs[run].file))
+        axes.legend()
+        quiet_grid(axes)
+    return figure
+
+
+@styled
+def candidates_figure(diagnosis: Diagnosis) -> Figure:
+    """χ² that each candidate should save, to first order, and what its refit did."""
+    from matplotlib.figure import Figure
+    from scipy.stats import chi2
+
+    first = diagnosis.repaired.examined[0]
+    refits = diagnosis.repaired.decisions[0].refits if diagnosis.repaired.decisions else ()
+    gained = {refit.candidate: refit.gain for refit in refits}
+    rows = sorted(first.scored.scores, key=lambda s: -max(gained.get(s.candidate, 0.0), s.gain))
+    figure = Figure(figsize=(9.0, 0.9 + 0.26 * max(len(rows), 2)), layout="constrained")
+    axes = figure.subplots()
+    threshold = float(np.quantile(first.scored.replicas, 0.95))
+    for y, s in enumerate(rows):
+        if s.directions:
+            axes.plot(max(s.gain, 0.5), y, marker="o", color=BLUE, markersize=5.0, linestyle="")
+        if s.candidate in gained:
+            axes.plot(
+                max(gained[s.candidate], 0.5), y, marker="D", color=RED, markersize=5.0, linestyle="", fillstyle="none"
+            )
+    axes.axvline(float(chi2.isf(10.0**-threshold, 1)), color=GREY, linestyle="--")
+    axes.plot([], [], marker="o", color=BLUE, linestyle="", label="first order")
+    axes.plot([], [], marker="D", color=RED, linestyle="", fillstyle="none", label="refitted")
+    axes.plot([], [], color=GREY, linestyle="--", label="best by chance, 1 in 20")
+    axes.set_yticks(range(len(rows)), [s.candidate.label for s in rows])
+    axes.set_ylim(len(rows) - 0.5, -0.5)
+    axes.set_xscale("log")
+    axes.set_xlim(left=0.4)
+    axes.set_xlabel("χ² saved on the training part (at least 0.5 shown)")
+    axes.legend(loc="lower right")
+    quiet_grid(axes, "x")
+    return figure
+
+
+@styled
+def law_figure(shape: Shape) -> Figure:
+    """The functions of a learned law with their 95 % bands, over the range that the data visit."""
+    from matplotlib.figure import Figure
+
+    curves = shape.curves()
+    rows = -(-len(curves) // _ACROSS)
+    figure = Figure(figsize=(9.0, 2.6 * rows), layout="constrained")
+    grid = figure.subplots(rows, _ACROSS, squeeze=False).ravel()
+    for axes, curve in zip(grid, curves, strict=False):
+        ends = (np.clip(curve.y + sign * curve.band, *curve.within) for sign in (-1.0, 1.0))
+        axes.fill_between(curve.x, *ends, color=BLUE, alpha=0.25, linewidth=0)
+        axes.plot(curve.x, curve.y, color=BLUE, label="with the law")
+        if curve.without is not None:
+            axes.plot(curve.x, curve.without, color=GREY, linestyle="--", label="model without it")
+            axes.legend(loc="best")
+        axes.set_title(curve.title.replace(": ", ":\n"))
+        axes.set_xlabel(curve.x_label)
+        axes.set_ylabel(curve.y_label)
+        quiet_grid(axes)
+    for axes in grid[len(curves) :]:
+        axes.set_visible(False)
+    return figure
+
+
+@styled
+def comparison_figure(diagnosis: Diagnosis) -> Figure:
+    """Before and after: the last swings with both models, and residuals over the whole run."""
+    from matplotlib.figure import Figure
+
+    before, after = diagnosis.base, diagnosis.last
+    held = training_rows(before.experiment)[1]
+    k = next((k for k, rows in enumerate(held) if rows.any()), 0)
+    run = before.experiment.runs[k]
+    bobs = [bob - 1 for bob in run.bobs_seen][:_MOST_BOBS]
+    figure = Figure(figsize=(9.0, 0.8 + 2.3 * len(bobs)), layout="constrained")
+    grid = figure.subplots(2 * len(bobs), 2, squeeze=False, width_ratios=(1.0, 1.7), sharex="col")
+    rows = run.times >= run.fit_from
+    t, models = run.times[rows], [_predicted(fitted, k, rows) for fitted in (before, after)]
+    close = t >= t[-1] - _CLOSE_UP * before.cradle.period
+    unit, name = (1e3, "mrad") if run.quantity == "theta" else (1e3, "mm")
+    titles = (diagnosis.base_name, "repaired")
+    for j, bob in enumerate(bobs):
+        for i, (model, colour, title) in enumerate(zip(models, (RED, GREEN), titles, strict=True)):
+            left, right = grid[2 * j + i]
+            left.plot(t[close], unit * run.readings[rows][close, bob], ".", color=GREY, markersize=2.5)
+            left.plot(t[close], unit * model[close, bob], color=colour, linewidth=0.9)
+            left.set_ylabel(f"bob {bob + 1}\n[{name}]")
+            residual = (model[:, bob] - run.readings[rows][:, bob]) / before.likelihood.noise[k]
+            _residuals(right, t, residual, colour)
+            if held[k].any():
+                right.axvspan(run.times[held[k]][0], t[-1], color=BLUE, alpha=0.08, linewidth=0)
+            right.set_title(f"bob {bob + 1}, model {title}")
+            left.set_title(f"last swings, model {title}")
+    for axes in grid[-1]:
+        axes.set_xlabel("time [s]")
+    return figure
+
+
+def _residuals(axes: Axes, t: np.ndarray, residual: np.ndarray, colour: str) -> None:
+    axes.plot(t, residual, color=colour, linewidth=0.5)
+    axes.set_ylabel("residual\n[noise]")
+    spread = float(np.nanmax(np.abs(residual), initial=4.0))
+    axes.set_ylim(-1.05 * spread, 1.05 * spread)
+    quiet_grid(axes)
+
+
+def _predicted(fitted: Fitted, index: int, rows: np.ndarray) -> np.ndarray:
+    return fitted.likelihood.predict(fitted.point, index, rows)[0]

@@ -1,0 +1,318 @@
+"""What a learned law is as a function: curves with their uncertainty over the range that the data visit, and words."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy.integrate import trapezoid
+
+from cradle_env.collisions import restitution_curve
+from cradle_env.effects import effect
+from cradle_env.effects.learned_force import IN_TIME, SCALES, force, learned_force
+from cradle_env.effects.learned_force import TERMS as OF_FORCE
+from cradle_env.effects.learned_impact import learned_impact
+from cradle_env.effects.learned_pair import TERMS as OF_PAIR
+from cradle_env.effects.learned_pair import learned_pair
+from cradle_env.mechanics.layout import PAIR_DECAYS
+from cradle_env.simulation import simulate
+from identification.diagnosis.learned_law.law import Law
+from identification.diagnosis.learned_law.terms import FREQUENCY
+from identification.diagnosis.uncertainty.intervals import Interval
+from identification.inference.fit_result import Fitted
+from identification.inference.likelihood import STEP_FACTOR
+from identification.reporting.wording import minus
+
+_POINTS = 121
+#: Relative step of k_f and of a frequency in differences.
+_STEP = 1e-3
+#: Of a normal distribution, the half width of the central 95 %; and what share of the largest part is worth a word.
+_SIGMAS, _WORTH = 1.96, 0.1
+#: What impacts take varies by less where it is told as the same: its least over its most.
+_SAME = 0.8
+#: Gaps up to which a force between neighbours is shown [radii of a bob]; periods over which one in time is.
+_FURTHEST, _PERIODS = 2.0, 2.0
+
+
+@dataclass(frozen=True, eq=False)
+class Curve:
+    """One function of a law: of what (title), its axes, x (M,), y (M,) and half width of its 95 % band (M,), and what
+    the model without the law has there (M,); within: what it can be."""
+
+    title: str
+    x_label: str
+    y_label: str
+    x: np.ndarray
+    y: np.ndarray
+    band: np.ndarray
+    without: np.ndarray | None = None
+    within: tuple[float, float] = (-math.inf, math.inf)
+
+
+class Shape:
+    """The functions of a law as fitted, and words for them."""
+
+    def __init__(self, law: Law, fitted: Fitted):
+        self.law, self.fitted, self.cradle = law, fitted, fitted.cradle
+        likelihood = fitted.likelihood
+        self.covariance = fitted.covariance
+        self.places = {name: i for i, name in enumerate(likelihood.names)}
+        run = fitted.experiment.runs[0]
+        beginning, _ = likelihood.beginning(fitted.values, 0)
+        times = np.arange(0.0, run.times[run.fitted][-1] - (0.0 if run.state == "release" else run.fit_from), 1 / 120)
+        self.motion = simulate(self.cradle, beginning, times=times, step_factor=STEP_FACTOR)
+
+    def _values(self, name: str, key: str) -> Any:
+        return self.cradle.effects[name][key]
+
+    def _curve(
+        self,
+        name: str,
+        which: int,
+        basis: Callable[[str], np.ndarray],
+        beside: tuple[str, np.ndarray] | None = None,
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """(sum, half width of its band) of basis(key) times the coefficients of one bob or pair (from 1).
+
+        beside: an unknown of the model and the change of the function where it changes by its own size, for the band
+        alone.
+        """
+        rows, coefficients, places = [], [], []
+        if beside is not None and beside[0] in self.places:
+            rows, coefficients = [beside[1] / self.fitted.scale_of(beside[0])], [0.0]
+            places = [self.places[beside[0]]]
+        for term in self.law.terms:
+            if term.effect == name and term.which in (0, which):
+                rows.append(basis(term.key))
+                coefficients.append(self.fitted.values[term.name])
+                places.append(self.places[term.name])
+        A = np.array(rows)
+        sd = np.sqrt(np.maximum(np.einsum("ki,kl,li->i", A, self.covariance[np.ix_(places, places)], A), 0.0))
+        return np.array(coefficients) @ A, _SIGMAS * sd
+
+    def _acts_on(self, name: str) -> list[int]:
+        """Bobs or pairs (from 1) that a law of this kind acts on."""
+        terms = [term for term in self.law.terms if term.effect == name]
+        count = self.cradle.bobs - (name == learned_pair.name)
+        return [i for i in range(1, count + 1) if any(term.which in (0, i) for term in terms)]
+
+    def curves(self) -> list[Curve]:
+        """All of them, bob by bob, pair by pair."""
+        found = []
+        for bob in self._alike(learned_force.name):
+            found += [*self._of_bob(bob), *self._in_time(bob)]
+        for pair in self._alike(learned_pair.name):
+            found += self._of_pair(pair)
+        if self._acts_on_impacts():
+            found.append(self._of_impacts())
+        return found
+
+    def _alike(self, name: str) -> list[int]:
+        """The bobs or pairs to show: one for all where all have the same."""
+        several = self._acts_on(name)
+        return several[:1] if all(t.which == 0 for t in self.law.terms if t.effect == name) else several
+
+    def _who(self, name: str, number: int, one: str) -> str:
+        count = len(self._acts_on(name))
+        common = count > 1 and len(self._alike(name)) == 1
+        return f"every {one}" if common else f"{one} {number}" if one == "bob" else f"{one} {number} and {number + 1}"
+
+    def _force(self, key: str, theta: np.ndarray, v: np.ndarray) -> np.ndarray:
+        """Force along the string and along the swing [N], (2, M), of one term with coefficient 1 N; those in time have
+        curves of their own."""
+        scales = [self._values(learned_force.name, key) for key in SCALES]
+        parameters = [*scales, *(float(other == key and key not in IN_TIME) for other in OF_FORCE)]
+        return np.array([force(0.0, 0.0, a, 0.0, b, parameters) for a, b in zip(theta, v, strict=True)]).T
+
+    def _of_bob(self, bob: int) -> list[Curve]:
+        name = learned_force.name
+        who = self._who(name, bob, "bob")
+        largest = float(np.max(np.abs(self.motion.theta[:, bob - 1])))
+        fastest = float(np.max(np.abs((self.motion.r * self.motion.theta_dot)[:, bob - 1])))
+        v, theta = np.linspace(0.0, fastest, _POINTS), np.linspace(-largest, largest, _POINTS)
+        rest = np.zeros(_POINTS)
+        b, before = self.fitted.values["b"], self.law.before.values["b"]
+        drag = ("b", b * v)
+        against, width = self._curve(
+            name, bob, lambda k: 0.5 * (self._force(k, rest, -v) - self._force(k, rest, v))[1], drag
+        )  # fmt: skip
+        push, push_width = self._curve(name, bob, lambda k: self._force(k, theta, rest)[1])
+        pull, pull_width = self._curve(name, bob, lambda k: -self._force(k, theta, rest)[0])
+        ripple = np.linspace(0.0, float(np.max(np.abs(self.motion.r_dot[:, bob - 1]))), _POINTS)
+        speed = self._values(name, "speed")
+        along, along_width = self._curve(name, bob, lambda k: ripple / speed * float(k == "radial"))
+        lift, lift_width = self._curve(  # what acts at rest stands in the curve by angle
+            name,
+            bob,
+            lambda k: (0.5 * (self._force(k, rest, v) + self._force(k, rest, -v)) - self._force(k, rest, rest))[1],
+        )
+        curves = [
+            Curve(f"{who}: against the motion, drag b included", "speed [m/s]", "force [mN]", v,
+                  1e3 * (against + b * v), 1e3 * width, 1e3 * before * v),
+            Curve(f"{who}: at rest, by angle", "θ [rad]", "force [mN]", theta, 1e3 * push, 1e3 * push_width),
+            Curve(f"{who}: pull along the string, by angle", "θ [rad]", "force [N]", theta, pull, pull_width),
+            Curve(f"{who}: against motion along the string", "speed [m/s]", "force [mN]", ripple, 1e3 * along,
+                  1e3 * along_width),
+            Curve(f"{who}: the same both ways, by speed", "speed [m/s]", "force [mN]", v, 1e3 * lift, 1e3 * lift_width),
+        ]  # fmt: skip
+        return [
+            curve for curve, own in zip(curves, (against, push, pull, along, lift), strict=True) if _size(own) > 0.0
+        ]
+
+    def _in_time(self, bob: int) -> list[Curve]:
+        """What swings by itself, over its first periods; in the band, the uncertainty of the frequency."""
+        if not any(term.in_time and term.which in (0, bob) for term in self.law.terms):
+            return []
+        name, frequency = learned_force.name, self.fitted.values[FREQUENCY]
+        t = np.linspace(0.0, _PERIODS / frequency, _POINTS)
+        waves = dict(zip(IN_TIME, (np.cos, np.sin), strict=True))
+
+        def basis(key: str, frequency: float = frequency) -> np.ndarray:
+            return waves[key](2.0 * np.pi * frequency * t) if key in waves else np.zeros(_POINTS)
+
+        y, _ = self._curve(name, bob, basis)
+        faster, _ = self._curve(name, bob, lambda k: basis(k, frequency * (1.0 + _STEP)))
+        _, band = self._curve(name, bob, basis, (FREQUENCY, (faster - y) / _STEP))
+        place = self.places[FREQUENCY]
+        sd = frequency * math.sqrt(self.covariance[place, place])
+        title = f"{self._who(name, bob, 'bob')}: swinging at {frequency:.4g} ± {_SIGMAS * sd:.1g} Hz"
+        return [Curve(title, "time [s]", "horizontal force [mN]", t, 1e3 * y, 1e3 * band)]
+
+    def _of_pair(self, pair: int) -> list[Curve]:
+        name = learned_pair.name
+        who = self._who(name, pair, "neighbours")
+        gap = np.linspace(0.0, _FURTHEST, _POINTS)
+        decays = dict(zip(OF_PAIR, PAIR_DECAYS * 2, strict=True))
+        curves = []
+        for kind, title, unit, scale in (
+            ("pull", "attraction", "force [mN]", 1e3),
+            ("film", "resistance to opening and closing", "force per speed [N s/m]", 1.0 / self._values(name, "speed")),
+        ):
+            y, band = self._curve(
+                name, pair, lambda k, kind=kind: np.exp(-decays[k] * gap) * float(k.startswith(kind))
+            )  # fmt: skip
+            if _size(y) > 0.0:
+                millimetres = 1e3 * self.cradle.radius * gap
+                curves.append(Curve(f"{who}: {title}", "gap [mm]", unit, millimetres, scale * y, scale * band))
+        return curves
+
+    def _acts_on_impacts(self) -> bool:
+        return any(term.effect == learned_impact.name for term in self.law.terms)
+
+    def _of_impacts(self) -> Curve:
+        name = learned_impact.name
+        speeds = self.motion.impacts["speed"]
+        v = np.linspace(0.0, float(speeds.max()), _POINTS + 1)[1:]
+        u = v / self._values(name, "speed")
+        shapes = {"level": np.ones_like(u), "slope": u, "bend": u**2, "gentle": np.exp(-u / 0.1), "wet": 1.0 / u}
+        e = restitution_curve(self.cradle, v)
+        stiffer = restitution_curve(self.cradle.replace(k_f=self.cradle.k_f * (1.0 + _STEP)), v)
+        _, band = self._curve(name, 0, shapes.__getitem__, ("k_f", (stiffer - e) / _STEP))
+        without = restitution_curve(self.law.before.cradle, v)
+        return Curve("impacts: restitution", "impact speed [m/s]", "e", v, e, band, without, (0.0, 1.0))
+
+    def energy_taken(self) -> float:
+        """What the forces of the law on single bobs take of the first run, from its start on [J]; < 0: they give."""
+        name = learned_force.name
+        if not self.cradle.has(name):
+            return 0.0
+        total, motion = 0.0, self.motion
+        for bob in self._acts_on(name):
+            i = bob - 1
+            values = [self._values(name, key) for key in (*SCALES, *OF_FORCE)]
+            parameters = [value if np.isscalar(value) else value[i] for value in values]
+            v = motion.r[:, i] * motion.theta_dot[:, i]
+            states = zip(motion.t, motion.r[:, i], motion.theta[:, i], motion.r_dot[:, i], v, strict=True)
+            forces = np.array([force(*state, parameters) for state in states])
+            total -= float(trapezoid(forces[:, 0] * motion.r_dot[:, i] + forces[:, 1] * v, motion.t))
+        return total
+
+    def words(self) -> list[str]:
+        """Each curve that matters, in words."""
+        curves = self.curves()
+        sizes = [_size(_added(curve)) for curve in curves]
+        said = []
+        for curve, size in zip(curves, sizes, strict=True):
+            rivals = [s for other, s in zip(curves, sizes, strict=True) if other.y_label == curve.y_label]
+            if size >= _WORTH * max(rivals):
+                said.append(_described(curve))
+        return said
+
+
+def _added(curve: Curve) -> np.ndarray:
+    return curve.y if curve.without is None else curve.y - curve.without
+
+
+def _size(values: np.ndarray) -> float:
+    return float(np.max(np.abs(values)))
+
+
+def _described(curve: Curve) -> str:
+    who, _, what = curve.title.partition(": ")
+    unit = curve.y_label.partition("[")[2].rstrip("]")
+    added = _added(curve)
+    k = int(np.argmax(np.abs(added)))
+    peak, signed = added[k], minus(f"{added[k]:+.2g}")
+    at = f"{minus(f'{curve.x[k]:.3g}')} {curve.x_label.partition('[')[2].rstrip(']')}"
+    if what.startswith("against motion along"):
+        way = "against" if peak > 0.0 else "with"
+        return f"on {who}, a force {way} its motion along the string, up to {abs(peak):.2g} {unit} at {at}"
+    if what.startswith("against"):
+        sense = "more" if peak > 0.0 else "less"
+        return (
+            f"on {who}, a force against the motion, {_growth(curve)}, up to {_size(curve.y):.2g} {unit};"
+            f" at {at} {abs(peak):.2g} {unit} {sense} than the drag b of the model without it"
+        )
+    if what.startswith("swinging"):
+        return f"on {who}, a horizontal force {what}, up to {_size(curve.y):.2g} {unit}: as in a room that shakes"
+    if what.startswith("at rest"):
+        odd, even = 0.5 * (added - added[::-1]), 0.5 * (added + added[::-1])
+        if _size(odd) > 2.0 * _size(even):
+            way = "towards the middle" if odd[-1] < 0.0 else "away from the middle"
+            alike = "the same" if _size(even) < _WORTH * _size(odd) else "about the same"
+            return f"on {who}, a push {way} by up to {_size(odd):.2g} {unit}, {alike} on both sides"
+        if _size(even) > 2.0 * _size(odd):
+            return f"on {who}, a push to one side at any angle, {signed} {unit} at {at}"
+        return f"on {who}, a push that depends on the angle, {signed} {unit} at {at}"
+    if what.startswith("pull"):
+        return f"on {who}, a pull along the string that depends on the angle, {signed} {unit} at {at}"
+    if what.startswith("the same both ways"):
+        return f"on {who}, a push to one side whichever way it moves, {signed} {unit} at {at}"
+    if what == "restitution":
+        taken = ((1.0 - curve.y) * curve.x)[curve.y > 0.0]
+        if taken.size and taken.min() > _SAME * taken.max() > 0.0:
+            return f"every impact takes about the same speed, {1e3 * np.median(taken):.2g} mm/s, as between wet balls"
+        return f"at impacts, e departs from that of the model without the law by {signed} at {at}"
+    return f"between {who}: {what}, {signed} {unit} at a gap of {at}"
+
+
+def _growth(curve: Curve) -> str:
+    """How the force of a curve goes with speed."""
+    y, half = curve.y, len(curve.y) // 2
+    k = int(np.argmax(np.abs(y)))
+    if k < 0.8 * len(y):
+        return f"largest at {curve.x[k]:.2g} m/s"
+    if y[-1] * y[half] <= 0.0:
+        return "that turns its sign on the way"
+    power = math.log2(y[-1] / y[half])
+    if power < 0.25:
+        return "nearly the same at all speeds"
+    return f"that grows about as the power {power:.1f} of the speed"
+
+
+def terms_of(law: Law, found: dict[str, Interval]) -> list[dict[str, Any]]:
+    """The terms with their coefficients, as in diagnosis.json."""
+    declared = {e.name: {p.key: p for p in e.parameters} for e in map(effect, {t.effect for t in law.terms})}
+    return [
+        {
+            "name": term.name,
+            "meaning": declared[term.effect][term.key].meaning,
+            "unit": found[term.name].unit,
+            "median": found[term.name].median,
+            "ci95": list(found[term.name].ci95),
+        }
+        for term in law.terms
+    ]

@@ -1,0 +1,245 @@
+"""The library of the learned laws, and which few of its terms explain the most: best subsets of the linear model.
+
+Readings move by S c for coefficients c; S⊥ is what the fitted unknowns leave of S, and with G = S⊥ᵀS⊥, h = −S⊥ᵀr a
+subset saves the χ² hᵀG⁻¹h, its rows and columns alone. Drag b stays in G, at place 0, for it cannot fall below zero.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from cradle_env.cradle import Cradle
+from cradle_env.effects import LEARNED, effect
+from cradle_env.effects.learned_force import ALONG_STRINGS, IN_TIME, learned_force
+from cradle_env.effects.radial_elasticity import radial_elasticity
+from cradle_env.simulation import SimulationError, in_threads
+from identification.diagnosis.selection.candidates import filled, is_strength, with_effects
+from identification.diagnosis.selection.inner_validation import FAR
+from identification.diagnosis.selection.model_comparison import log_evidence
+from identification.diagnosis.selection.search import placed
+from identification.experiment.experiment import Experiment
+from identification.inference.fit_result import Fitted, span
+from identification.inference.likelihood import Likelihood, rms
+from identification.inference.nonsmooth import lengths_of
+
+#: Least share of a term that must be left beside all that the unknowns absorb, and the least that may remain of b.
+_SEEN, _LEAST_B = 1e-3, -0.9
+#: First step of a coefficient [its unit], how far readings should move by it [noise], and how often it is sought.
+_STEP, MOVED, _TRIES = 1e-6, 0.3, 6
+#: The unknown that terms in time share.
+FREQUENCY = f"{learned_force.name}.frequency"
+
+Scales = Mapping[str, float]
+
+
+@dataclass(frozen=True)
+class Term:
+    """One term of a library on one bob or pair (from 1), or on all alike (0); single: there is only one value."""
+
+    effect: str
+    key: str
+    which: int
+    single: bool = False
+
+    @property
+    def name(self) -> str:
+        """That of its unknown."""
+        return f"{self.effect}.{self.key}" + ("" if self.single else f"[{self.which or '*'}]")
+
+    @property
+    def in_time(self) -> bool:
+        """Whether it is a force that swings by itself: its frequency is an unknown of the law, too."""
+        return self.effect == learned_force.name and self.key in IN_TIME
+
+    def excludes(self, other: Term) -> bool:
+        """Whether both would set the same coefficient."""
+        same = (self.effect, self.key) == (other.effect, other.key)
+        return same and (self.which == other.which or not self.which or not other.which)
+
+
+def library(cradle: Cradle) -> tuple[Term, ...]:
+    """All terms that a cradle can have, those on all bobs alike first; along strings only of those that stretch."""
+    found = []
+    for declared in LEARNED:
+        for p in filter(is_strength, declared.parameters):
+            several = p.count(cradle.bobs)
+            if (declared.acts_on == "contact" or p.each == "gap") and cradle.bobs == 1:
+                continue
+            if p.key in ALONG_STRINGS and not cradle.has(radial_elasticity.name):
+                continue
+            found += [Term(declared.name, p.key, i, not p.each) for i in range(1 if several == 1 else several + 1)]
+    return tuple(sorted(found, key=lambda term: term.which > 0))
+
+
+def choice(cradle: Cradle, terms: int) -> float:
+    """What it costs in log evidence that a law is free to choose so many terms from the library of a cradle."""
+    return math.log(math.comb(len(library(cradle)), terms))
+
+
+def choice_beside(fitted: Fitted, terms: int) -> float:
+    """The same beside a model that lacks them; 0 where that is far above the noise: evidence counts in what a model
+    leaves there, and no few terms are all that is missing."""
+    far = rms(fitted.residuals[: fitted.count]) > FAR
+    return 0.0 if far else choice(fitted.cradle, terms)
+
+
+def extended(experiment: Experiment, scales: Scales, terms: Sequence[Term]) -> Experiment:
+    """The experiment with these terms in its model, at zero and to be inferred, and with them the frequency of those in
+    time; scales: by key, of what is no coefficient."""
+    names = dict.fromkeys(term.effect for term in terms)
+    values: dict[str, dict[str, Any]] = {}
+    for name in names:
+        parameters = effect(name).parameters
+        values[name] = {
+            p.key: filled(p, p.absent, experiment.cradle.bobs) if is_strength(p) else scales[p.key] for p in parameters
+        }
+    unknown = [term.name for term in terms]
+    unknown += [FREQUENCY] if any(term.in_time for term in terms) else []
+    return with_effects(experiment, values, tuple(unknown)) if terms else experiment
+
+
+@dataclass(frozen=True, eq=False)
+class Linear:
+    """A fit and what each term would do to its residuals: columns (R + P, K); basis (R + P, rank) of what the unknowns
+    absorb, b apart; and what is left beside them: G (1 + K', 1 + K'), h (1 + K',), of the terms `seen` (K',)."""
+
+    fitted: Fitted
+    terms: tuple[Term, ...]
+    columns: np.ndarray
+    basis: np.ndarray
+    seen: np.ndarray
+    G: np.ndarray
+    h: np.ndarray
+
+    @classmethod
+    def of(cls, fitted: Fitted, scales: Scales, had: Sequence[Term] = ()) -> Linear:
+        """Of a fit and the whole library but the terms in time, and what would set the same as the terms it has."""
+        terms = tuple(
+            term for term in library(fitted.cradle)
+            if not term.in_time and not any(term.excludes(own) for own in had)
+        )  # fmt: skip
+        columns = in_threads(lambda term: column(fitted, scales, term), terms, fitted.likelihood.workers)
+        b = fitted.likelihood.names.index("b")
+        basis = span(np.delete(fitted.jacobian, b, axis=1))
+        return cls._with(fitted, terms, np.column_stack(columns), basis)
+
+    def alike(self) -> Linear:
+        """With the terms alone that are common to all bobs, pairs or impacts."""
+        common = [i for i, term in enumerate(self.terms) if not term.which]
+        return self._with(self.fitted, tuple(self.terms[i] for i in common), self.columns[:, common], self.basis)
+
+    def beside(self, terms: Sequence[Term], columns: np.ndarray) -> Linear:
+        """With more terms, and their columns (R + P, K)."""
+        return self._with(self.fitted, (*self.terms, *terms), np.column_stack([self.columns, columns]), self.basis)
+
+    @classmethod
+    def _with(cls, fitted: Fitted, terms: tuple[Term, ...], columns: np.ndarray, basis: np.ndarray) -> Linear:
+        own = np.column_stack([fitted.jacobian[:, fitted.likelihood.names.index("b")], columns])
+        lengths = np.linalg.norm(own, axis=0)
+        left = own / np.where(lengths > 0.0, lengths, 1.0)
+        left -= basis @ (basis.T @ left)
+        seen = np.flatnonzero(np.linalg.norm(left[:, 1:], axis=0) > _SEEN)
+        left = left[:, [0, *(1 + seen)]] * lengths[[0, *(1 + seen)]]
+        return cls(fitted, terms, columns, basis, seen, left.T @ left, -left.T @ fitted.residuals)
+
+    def term(self, place: int) -> Term:
+        """The term at a place of G, from 1 on."""
+        return self.terms[self.seen[place - 1]]
+
+    @functools.cached_property
+    def _saved(self) -> dict[tuple[int, ...], float]:
+        return {}
+
+    def saved(self, subset: tuple[int, ...]) -> float:
+        """The χ² that b and a subset save together."""
+        if subset not in self._saved:
+            own, c = [0, *subset], self.coefficients(subset)
+            self._saved[subset] = float(2.0 * c @ self.h[own] - c @ self.G[np.ix_(own, own)] @ c)
+        return self._saved[subset]
+
+    def coefficients(self, subset: tuple[int, ...]) -> np.ndarray:
+        """Of b (the change of its coordinate) and of a subset, (1 + k,)."""
+        own, least = [0, *subset], _LEAST_B * self.fitted.scale_of("b")
+        size = np.sqrt(np.diag(self.G)[own])
+        size[size == 0.0] = 1.0
+        G, h = self.G[np.ix_(own, own)] / np.outer(size, size) + 1e-9 * np.eye(len(own)), self.h[own] / size
+        c = np.linalg.solve(G, h) / size
+        if c[0] < least:
+            rest = np.linalg.solve(G[1:, 1:], h[1:] - least * size[0] * G[1:, 0]) / size[1:]
+            c = np.concatenate([[least], rest])
+        return c
+
+    def path(self, most: int) -> list[tuple[int, ...]]:
+        """The best subset of each size, each from the one before by a term more and exchanges of one at a time."""
+        best: tuple[int, ...] = ()
+        found = []
+        for _ in range(min(most, len(self.seen))):
+            wider = self.wider(best)
+            if not wider:
+                break
+            best = max(wider, key=self.saved)
+            while True:
+                exchanged = [new for i in best for new in self.wider(tuple(j for j in best if j != i))]
+                better = max(exchanged, key=self.saved)
+                if self.saved(better) <= self.saved(best) * (1.0 + 1e-9):
+                    break
+                best = better
+            found.append(best)
+        return found
+
+    def wider(self, subset: tuple[int, ...]) -> list[tuple[int, ...]]:
+        """All subsets with one term more."""
+        return [
+            tuple(sorted((*subset, j))) for j in range(1, len(self.h))
+            if not any(self.term(j).excludes(self.term(i)) for i in subset)
+        ]  # fmt: skip
+
+    def solved(self, subset: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:
+        """(what the linear model with a subset leaves, (R + P,), and the change of unknowns and subset, (D + k,))."""
+        c, J = self.coefficients(subset), self.fitted.jacobian
+        b = self.fitted.likelihood.names.index("b")
+        others = np.delete(J, b, axis=1)
+        left = self.fitted.residuals + c[0] * J[:, b] + self.columns[:, [self.seen[j - 1] for j in subset]] @ c[1:]
+        size = lengths_of(others)
+        rest = -np.linalg.lstsq(others / size, left, rcond=1e-10)[0] / size
+        return left + others @ rest, np.concatenate([np.insert(rest, b, c[0]), c[1:]])
+
+    def log_evidence(self, subset: tuple[int, ...], inflation: float, effective: float) -> float:
+        """Over the model alone: ½ (Δχ²/c − k ln n_eff), see `decide`, less what their choice costs; a frequency is an
+        unknown more."""
+        unknowns = len(subset) + any(self.term(i).in_time for i in subset)
+        gained = log_evidence(self.saved(subset) - self.saved(()), unknowns, inflation, effective)
+        return gained - choice_beside(self.fitted, len(subset))
+
+    def values(self, subset: tuple[int, ...]) -> dict[str, float]:
+        """The unknowns of the cradle, and coefficients, where the linear model with a subset has its least."""
+        step = self.solved(subset)[1]
+        values = {}
+        for u, z, d in zip(self.fitted.likelihood.unknowns, self.fitted.point, step, strict=False):
+            if "@" not in u.name:
+                values[u.name] = float(u.value(z)) * max(1.0 + d, 0.1) if u.log else float(z + d)
+        coefficients = step[len(self.fitted.point) :]
+        return values | {self.term(j).name: float(c) for j, c in zip(subset, coefficients, strict=True)}
+
+
+def column(fitted: Fitted, scales: Scales, term: Term, step: float = _STEP) -> np.ndarray:
+    """d residuals / d coefficient, (R + P,), by a step [its unit] that the noise would just show, sought
+    from `step` on; 0 where it is impossible."""
+    likelihood = Likelihood(extended(fitted.experiment, scales, (term,)), fitted.likelihood.rows, 1)
+    moved = np.zeros(len(fitted.residuals))
+    for _ in range(_TRIES):
+        try:
+            moved = likelihood.residuals(placed(likelihood, {**fitted.values, term.name: step})) - fitted.residuals
+        except (SimulationError, ValueError):
+            return np.zeros(len(fitted.residuals))
+        size = float(np.sqrt(np.mean(moved**2)))
+        if size == 0.0 or MOVED / 3.0 < size < 3.0 * MOVED:
+            break
+        step *= MOVED / size
+    return moved / step

@@ -1,0 +1,260 @@
+"""The next experiment: of all that the cradle and fewer of its bobs allow, the one that should tell most.
+
+Models in question are told apart by the log Bayes factor to be expected between them, the least over which of them is
+true and which of the others is doubted: to first order on a grid, then, for the best, simulated: data are drawn, and
+each model is refitted to them. Where no models are in question, it is λ that should become certain:
+½ ln(gᵀ C g / gᵀ (C⁻¹ + SᵀS)⁻¹ g), g = dλ/dx.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from cradle_env.cradle import Release
+from cradle_env.simulation import SimulationError, simulate
+from identification.diagnosis.next_experiment.planned_run import Instrument, Planned, Setting, log_bayes
+from identification.diagnosis.next_experiment.run_grid import described, ordered, searched
+from identification.diagnosis.selection.model_comparison import CLOSE
+from identification.inference.fit_result import Fitted
+from identification.inference.mode_search import Progress, bounds
+
+#: How many settings are simulated once; how many of them well, and how often each.
+_POOL, _SIMULATED, _DRAWS = 6, 2, 4
+#: What settles it where no run does: how a member is measured by itself.
+DIRECTLY = {
+    "added_mass": "weigh the bobs and work out the air that their volume drags along",
+    "angle_offset": "film a plumb line",
+    "angle_scale": "film a protractor in the plane of the swing",
+    "clock_scale": "film a clock to know the frame rate",
+    "exposure_blur": "look up the camera's exposure",
+    "length_mismatch": "measure the length of each pendulum",
+    "mass_mismatch": "weigh each bob",
+    "spacer_offset": "measure each gap with a feeler gauge",
+}
+
+
+@dataclass(frozen=True)
+class Plan:
+    """An experiment that could be done, and what it should tell, of models their log Bayes factor, of λ the logarithm
+    of the gain: to first order (`predicted`), and simulated with its standard error, nan for a single draw; both nan
+    where it was not simulated."""
+
+    setting: Setting
+    release: Release
+    duration: float
+    predicted: float
+    simulated: float = math.nan
+    standard_error: float = math.nan
+
+    @property
+    def expected_log_bayes(self) -> float:
+        """The simulated value where there is one."""
+        return self.predicted if math.isnan(self.simulated) else self.simulated
+
+    @property
+    def bobs(self) -> int:
+        """On the cradle."""
+        return self.setting.bobs
+
+    @property
+    def delta(self) -> float | tuple[float, ...]:
+        """δ, one number or one per gap."""
+        return self.setting.delta
+
+
+@dataclass(frozen=True)
+class Advice:
+    """Plans, the most telling first; separates: sets of effects that they tell apart (none: they tell of λ);
+    inseparable: pairs of sets that no plan tells apart, of which the best would give so much (`best`) in log Bayes."""
+
+    plans: tuple[Plan, ...]
+    separates: tuple[tuple[str, ...], ...]
+    inseparable: tuple[tuple[tuple[str, ...], tuple[str, ...]], ...] = ()
+    best: float = math.nan
+
+    @property
+    def in_vain(self) -> bool:
+        """Whether no plan tells any of the models apart."""
+        return bool(self.inseparable) and not self.separates
+
+    @property
+    def instead(self) -> str:
+        """What to do about what no run tells apart, in words; empty where all is."""
+        if not self.inseparable:
+            return ""
+        pairs = "; ".join(" and ".join(" with ".join(names) for names in pair) for pair in self.inseparable)
+        members = dict.fromkeys(name for pair in self.inseparable for names in pair for name in names)
+        ways = [DIRECTLY[name] for name in members if name in DIRECTLY]
+        measure = f": measure mass, length or clock directly ({', or '.join(ways)})." if ways else "."
+        if self.best >= CLOSE:
+            return (
+                f"Whether an experiment of this kind separates {pairs} is open (the best would give a log Bayes factor"
+                f" of {self.best:.2g}, within its scatter){measure}"
+            )
+        return (
+            f"No experiment of this kind separates {pairs} (the best would give a log Bayes factor of"
+            f" {self.best:.2g}){measure}"
+        )
+
+    def content(self) -> dict[str, Any]:
+        """As in diagnosis.json; no release where none would tell the models apart."""
+        plan = None if self.in_vain else self.plans[0]
+        release = None if plan is None else {"bobs": plan.setting.lifted, "angle": plan.setting.angle}
+        return {
+            "release": release,
+            "delta": None if plan is None else plan.delta,
+            "bobs": None if plan is None else plan.bobs,
+            "duration": None if plan is None else plan.duration,
+            "separates": [list(names) for names in self.separates],
+            "expected_log_bayes": self.best if plan is None else plan.expected_log_bayes,
+            "standard_error": None if plan is None else plan.standard_error,
+            "inseparable": [[list(names) for names in pair] for pair in self.inseparable],
+            "instead": self.instead,
+        }
+
+
+def advise(
+    models: Sequence[Fitted], sets: Sequence[tuple[str, ...]], seed: int = 0, tell: Progress | None = None
+) -> Advice | None:
+    """The experiments that tell the models apart, each named by its set of effects; None if none can be done."""
+    tell = tell or (lambda *_: None)
+    instrument = Instrument.of(models[0])
+    pairs = list(itertools.combinations(range(len(models)), 2))
+
+    def told(planned: list[Planned], duration: float) -> np.ndarray:
+        both = [(log_bayes(planned[i], planned[j], duration), log_bayes(planned[j], planned[i], duration))
+                for i, j in pairs]  # fmt: skip
+        return np.min(both, axis=1)
+
+    settings = searched(models, instrument, told, tell)
+    if not settings:
+        return None
+    simulated: dict[Setting, tuple[np.ndarray, np.ndarray]] = {}
+
+    def simulate_each(chosen: Sequence[Setting], draws: int) -> None:
+        for k, setting in enumerate(chosen):
+            duration = settings[setting][0]
+            tell(f"simulate, {draws} each", k / len(chosen), described(setting, duration))
+            found = simulated_log_bayes(models, instrument.run(setting, duration), seed, draws)
+            if found is not None:
+                simulated[setting] = _of_pairs(*found, pairs)
+
+    # First order errs by what unknowns absorb over long steps: a draw at the best angles chooses what is looked at
+    # well.
+    pool: dict[tuple[int, int, float], Setting] = {}
+    for setting in settings:
+        pool.setdefault((setting.bobs, setting.lifted, setting.angle), setting)
+    simulate_each(list(pool.values())[:_POOL], 1)
+    chosen = ordered({setting: (0.0, mean) for setting, (mean, _) in simulated.items()})[:_SIMULATED]
+    simulate_each(chosen, _DRAWS)
+    if not simulated:
+        return None
+    # What luck in the draws may account for does not tell models apart.
+    apart = np.nanmax([simulated[s][0] - 2.0 * simulated[s][1] for s in chosen], axis=0) >= CLOSE
+    most = np.max([simulated[s][0] for s in chosen], axis=0)
+    ranked = apart if apart.any() else np.ones(len(pairs), bool)
+    plans = []
+    for setting, (duration, predicted) in settings.items():
+        mean, error = simulated.get(setting, (np.full(len(pairs), math.nan),) * 2)
+        least = int(np.argmin(np.where(ranked, mean, math.inf)))
+        plans.append(_plan(setting, instrument, duration, float(predicted[ranked].min()), mean[least], error[least]))
+    plans.sort(key=lambda plan: (math.isnan(plan.standard_error), math.isnan(plan.simulated), -plan.expected_log_bayes))
+    told_apart = dict.fromkeys(k for pair, yes in zip(pairs, apart, strict=True) if yes for k in pair)
+    return Advice(
+        tuple(plans),
+        tuple(sets[k] for k in sorted(told_apart)),
+        tuple((sets[i], sets[j]) for (i, j), yes in zip(pairs, apart, strict=True) if not yes),
+        float(most[~apart].max(initial=-math.inf)) if not apart.all() else math.nan,
+    )
+
+
+def advise_on_lambda(fitted: Fitted, tell: Progress | None = None) -> Advice | None:
+    """Ranks the grid by what it tells of λ, that of the first run's setting; None where there is no λ."""
+    gradient = _lambda_gradient(fitted)
+    if gradient is None:
+        return None
+    instrument = Instrument.of(fitted)
+    names = [u.name for u in fitted.likelihood.unknowns if not u.nuisance]
+    own = [fitted.likelihood.names.index(name) for name in names]
+    before = fitted.covariance[np.ix_(own, own)]
+    g = np.array([gradient[name] for name in names])
+
+    def gain(planned: list[Planned], duration: float) -> np.ndarray:
+        """An unknown that the run does not see, as k_f with one bob, stays as uncertain as it is."""
+        view = planned[0].view.until(duration)
+        shared = [i for i, name in enumerate(view.names) if name in names]
+        rest = [i for i, name in enumerate(view.names) if name not in names]
+        G = view.S.T @ view.S
+        learned = G[np.ix_(shared, shared)]
+        if rest:
+            known = G[np.ix_(rest, rest)] + view.precision[np.ix_(rest, rest)]
+            learned = learned - G[np.ix_(shared, rest)] @ np.linalg.solve(known, G[np.ix_(rest, shared)])
+        at = [names.index(view.names[i]) for i in shared]
+        after = np.linalg.inv(before)
+        after[np.ix_(at, at)] += learned
+        return np.array([0.5 * math.log((g @ before @ g) / (g @ np.linalg.solve(after, g)))])
+
+    settings = searched([fitted], instrument, gain, tell or (lambda *_: None))
+    plans = [_plan(s, instrument, duration, float(value[0])) for s, (duration, value) in settings.items()]
+    return Advice(tuple(plans), ()) if plans else None
+
+
+def _plan(setting: Setting, instrument: Instrument, duration: float, *told: float) -> Plan:
+    release = Release(angle=setting.angle, bobs=setting.lifted, start=instrument.start)
+    return Plan(setting, release, duration, *map(float, told))
+
+
+def simulated_log_bayes(
+    models: Sequence[Fitted], run: Any, seed: int, draws: int
+) -> tuple[np.ndarray, np.ndarray] | None:
+    """(mean, standard error) of the log Bayes factor of model i over model j in data that model i gives, (M, M) each,
+    the latter nan for one draw; None where the run cannot be simulated."""
+    planned = [Planned(model, run) for model in models]
+    found = np.zeros((draws, len(models), len(models)))
+    try:
+        for draw, true in itertools.product(range(draws), range(len(models))):
+            # The same luck in every setting, so that these can be compared.
+            readings, behind = planned[true].drawn(np.random.default_rng([seed, draw, true]))
+            evidence = np.array([model.given(readings).log_evidence(behind) for model in planned])
+            found[draw, true] = evidence[true] - evidence
+    except (SimulationError, ValueError):
+        return None
+    error = found.std(axis=0, ddof=1) / math.sqrt(draws) if draws > 1 else np.full(found.shape[1:], math.nan)
+    return found.mean(axis=0), error
+
+
+def _of_pairs(mean: np.ndarray, error: np.ndarray, pairs: Sequence[tuple[int, int]]) -> tuple[np.ndarray, np.ndarray]:
+    """Of each pair the lesser of the two log Bayes factors, and its standard error."""
+    lesser = [(i, j) if mean[i, j] <= mean[j, i] else (j, i) for i, j in pairs]
+    return np.array([mean[at] for at in lesser]), np.array([error[at] for at in lesser])
+
+
+def _lambda_gradient(fitted: Fitted) -> dict[str, float] | None:
+    """dλ/dx by the unknowns of the cradle, over one standard deviation to either side; None where λ is not defined."""
+    likelihood = fitted.likelihood
+    run = fitted.experiment.runs[0]
+    deviations = np.sqrt(np.diag(fitted.covariance))
+    if run.release is None or fitted.cradle.bobs == 1:
+        return None
+    release = run.release.release
+
+    def rate(point: np.ndarray) -> float:
+        return simulate(likelihood.cradle(likelihood.values(point)), release, ledger=False).newton_exponent()
+
+    found = {}
+    for i, u in enumerate(likelihood.unknowns):
+        if not u.nuisance:
+            step = np.zeros_like(fitted.point)
+            step[i] = deviations[i]
+            low, high = (np.clip(fitted.point + side * step, *bounds(likelihood)) for side in (-1.0, 1.0))
+            try:
+                found[u.name] = (rate(high) - rate(low)) / (high[i] - low[i])
+            except (SimulationError, ValueError):
+                return None
+    return found if found and all(map(np.isfinite, found.values())) and any(found.values()) else None

@@ -1,0 +1,99 @@
+"""The grid of runs that could be done, searched for those that should tell most, to first order."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from cradle_env.simulation import SimulationError
+from identification.diagnosis.next_experiment.planned_run import Instrument, Planned, Setting
+from identification.diagnosis.selection.model_comparison import CLOSE
+from identification.inference.fit_result import Fitted
+from identification.inference.mode_search import Progress
+
+#: The grid: release angles [rad], δ, durations [s]; a first look is taken at one angle, the first at which any run can
+#: be followed.
+_ANGLES, _DELTAS, _DURATIONS = (0.05, 0.1, 0.2, 0.4, 0.8, 1.2), (-0.002, 0.0, 0.002, 0.01), (15.0, 30.0, 60.0)
+_FIRST_LOOK = (0.2, 0.1, 0.05, 0.4)
+#: How many numbers of bobs, hung and lifted, are looked at closely.
+_SHAPES = 2
+#: A run is not made longer for less than this share of what it tells, nor where it tells more than enough.
+_LONGER, _ENOUGH = 0.1, 1e4
+
+#: What models in a planned run tell in so many seconds: a number for each pair of them, or one of λ.
+Told = Callable[[list[Planned], float], np.ndarray]
+
+
+def described(setting: Setting, duration: float) -> str:
+    """A plan in a few words."""
+    lifted = f", {setting.lifted} released" if setting.bobs > 1 else " released"
+    bobs = f"{setting.bobs} bob{'s' if setting.bobs > 1 else ''}"
+    delta = f", δ = {setting.delta}" if setting.bobs > 1 else ""
+    return f"{bobs}{lifted} at {setting.angle:g} rad{delta}, {duration:g} s"
+
+
+def searched(
+    models: Sequence[Fitted], instrument: Instrument, told: Told, tell: Progress
+) -> dict[Setting, tuple[float, np.ndarray]]:
+    """Settings with their durations and what they should tell, of each pair; the most telling first.
+
+    First every number of bobs on the cradle and lifted, at one angle and the present δ; then all angles and δ with
+    the best of them.
+    """
+    now, most = models[0].experiment.runs[0].delta, models[0].cradle.bobs
+    fixed = "delta" in models[0].likelihood.names
+    found: dict[Setting, tuple[float, np.ndarray]] = {}
+
+    def look(settings: Sequence[Setting], stage: str) -> None:
+        for k, setting in enumerate(settings):
+            tell(stage, k / len(settings), described(setting, _DURATIONS[-1]))
+            if setting in found:
+                continue
+            try:
+                found[setting] = _telling(models, instrument, setting, told)
+            except (SimulationError, ValueError):  # a setting that one of the models cannot be in
+                continue
+
+    shapes = [(n, k) for n in range(1, most + 1) for k in range(1, max(n, 2))]
+    for angle in _FIRST_LOOK:
+        look([Setting(n, k, angle, _delta(now, n, most)) for n, k in shapes], "grid")
+        if found:
+            break
+    best = list(dict.fromkeys((s.bobs, s.lifted) for s in ordered(found)))[:_SHAPES]
+    grid = []
+    for n, k in best:
+        deltas = [_delta(now, n, most)] if n == 1 or fixed else [_delta(now, n, most), *_DELTAS]
+        grid += [Setting(n, k, angle, delta) for angle in _ANGLES for delta in dict.fromkeys(deltas)]
+    look(grid, "grid, closer")
+    return {setting: found[setting] for setting in ordered(found)}
+
+
+def _delta(now: float | tuple[float, ...], bobs: int, most: int) -> float | tuple[float, ...]:
+    """The present δ on a cradle of fewer bobs."""
+    return now if bobs == most or not isinstance(now, tuple) else float(np.mean(now))
+
+
+def ordered(found: dict[Setting, tuple[float, np.ndarray]]) -> list[Setting]:
+    """By the least of the pairs that any setting tells apart, of all where none does."""
+    if not found:
+        return []
+    apart = np.max([value for _, value in found.values()], axis=0) >= CLOSE
+    apart = apart if apart.any() else ~apart
+    return sorted(found, key=lambda setting: -float(found[setting][1][apart].min()))
+
+
+def _telling(
+    models: Sequence[Fitted], instrument: Instrument, setting: Setting, told: Told
+) -> tuple[float, np.ndarray]:
+    """(duration, what the run tells): the shortest run that tells nearly as much as the longest that can be
+    followed."""
+    run = instrument.run(setting, _DURATIONS[-1])
+    planned = [Planned(model, run) for model in models]
+    followed = min(model.followed for model in planned)
+    values = [told(planned, duration) for duration in _DURATIONS if duration <= followed]
+    if not values:
+        raise ValueError(f"no model follows this run beyond {followed:g} s")
+    wanted = min((1.0 - _LONGER) * values[-1].min(), _ENOUGH)
+    k = next(k for k, value in enumerate(values) if value.min() >= wanted or k == len(values) - 1)
+    return _DURATIONS[k], values[k]

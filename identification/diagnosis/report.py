@@ -1,0 +1,194 @@
+"""The files of a diagnosis: diagnosis.json, model.toml and report.html, one page that opens offline."""
+
+from __future__ import annotations
+
+import base64
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from cradle_env.effects import effect
+from identification.diagnosis.figures import (
+    candidates_figure,
+    comparison_figure,
+    energy_figure,
+    in_windows,
+    law_figure,
+    map_figure,
+)
+from identification.diagnosis.residuals.residual_tests import in_words
+from identification.diagnosis.result import FORMAT, Diagnosis
+from identification.diagnosis.selection.candidates import one_sided
+from identification.inference.mode_search import Progress
+from identification.reporting.html_page import page
+from identification.reporting.plot_style import png
+from identification.reporting.wording import Rounding, estimate, markup, minus, number, ratio, unit_markup
+from identification.storage.files import check_own, write_listed
+
+_STAMP, _FILES = "diagnosis.json", ("report.html", "model.toml")
+
+
+def check_folder(folder: Path) -> None:
+    """ExperimentError where a folder holds files that a diagnosis would replace and has not written."""
+    check_own(folder, (_STAMP, *_FILES), _STAMP, FORMAT)
+
+
+def save(diagnosis: Diagnosis, folder: Path, progress: Progress | None = None) -> dict[str, Any]:
+    """Writes report.html, model.toml and, last, diagnosis.json, whose content it returns."""
+    content = diagnosis.content(progress)
+    if progress:
+        progress("draw", 0.0, "the report")
+    texts = (html(diagnosis, content), diagnosis.model_toml())
+    return write_listed(folder, dict(zip(_FILES, texts, strict=True)), _STAMP, content)
+
+
+def html(diagnosis: Diagnosis, content: Mapping[str, Any]) -> str:
+    """The report. content: that of diagnosis.json."""
+    first = diagnosis.repaired.examined[0]
+    pictures = {
+        **({"map": map_figure(first)} if in_windows(first) else {}),
+        **({"energy": energy_figure(diagnosis)} if content["energy"] else {}),
+        "candidates": candidates_figure(diagnosis),
+        "comparison": comparison_figure(diagnosis),
+    }
+    if diagnosis.shape is not None:
+        pictures["law"] = law_figure(diagnosis.shape)
+    named = [*diagnosis.effects, *(name for names in diagnosis.equivalent for name in names)]
+    return page(
+        "diagnosis.html",
+        "Diagnosis",
+        diagnosis.experiment,
+        content=content,
+        sentence=sentence(content),
+        good=content["verdict"] in ("nothing_missing", "named")
+        and not content["remainder"]["significant"]
+        and not _departs(content),
+        declared={name: effect(name) for name in dict.fromkeys(named)},
+        base_name=diagnosis.base_name,
+        base=_rows(diagnosis, diagnosis.base.values),
+        last=_intervals(diagnosis),
+        steps=[
+            {**step, "probability": _probability(step["probability"]), **{k: ratio(step[k]) for k in _GAPS}}
+            for step in content["steps"]
+        ],
+        gaps={key: ratio(content[key]) for key in ("gap_first", "gap_last", "gap_allowed")},
+        scores=[
+            {**row, **{key: _digits(row[key]) for key in ("predicted_delta_chi2", "p", "delta_chi2", "log_evidence")},
+             "gap": ratio(row["gap"])}
+            for row in content["candidates"]
+        ],
+        plans=[] if diagnosis.advice is None or diagnosis.advice.in_vain else diagnosis.advice.plans[:6],
+        instead="" if diagnosis.advice is None else diagnosis.advice.instead,
+        released=diagnosis.experiment.runs[0].release is not None,
+        pictures={name: base64.b64encode(png(figure)).decode() for name, figure in pictures.items()},
+        model_toml=diagnosis.model_toml(),
+        number=number,
+        in_words=in_words,
+        law=_law(content["remainder"]["law"]),
+        unseen=_unseen(diagnosis),
+    )  # fmt: skip
+
+
+def _law(law: Mapping[str, Any] | None) -> dict[str, Any] | None:
+    """A learned law as the page shows it."""
+    if law is None:
+        return None
+    terms = []
+    for term in law["terms"]:
+        median, interval, exponent = estimate(term["median"], term["ci95"])
+        terms.append({**term, "median": median, "interval": interval, "unit": unit_markup(term["unit"], exponent)})
+    gaps = {key: ratio(value) for key, value in law.items() if "gap" in key}
+    return {**law, **gaps, "terms": terms, "energy": _energy(law["energy_taken"]["value"])}
+
+
+def _unseen(diagnosis: Diagnosis) -> dict[str, Any]:
+    """What the data may hide, as far as it matters: symbols of the unknowns, and rows of the effects."""
+    symbols = {u.name: markup(u.symbol) for u in diagnosis.final.likelihood.unknowns}
+    names, rows = next((list(one.moves) for one in diagnosis.unseen if one.moves), []), []
+    for one in diagnosis.unseen:
+        name = one.effect + (", all alike" if one.alike else "")
+        if one.limit is None:
+            rows.append({"name": name, "limit": None, "moves": ["–" for _ in names]})
+        elif max(map(abs, one.moves.values())) >= _MATTERS:
+            least = math.isinf(one.parameter.absent)
+            bar = "" if one_sided(one.parameter) else "|"
+            rounding = Rounding.of(one.limit, 0.1 * abs(one.limit))
+            rows.append({
+                "name": name, "symbol": bar + markup(one.parameter.symbol) + bar,
+                "sign": "≥" if least else "≤", "limit": rounding.text(abs(one.limit)),
+                "unit": unit_markup(one.parameter.unit, rounding.exponent),
+                "moves": [minus(f"{move:+.1f}" if abs(move) < _MANY else f"{math.copysign(_MANY, move):+.0f} or more")
+                          for move in one.moves.values()],
+            })  # fmt: skip
+    return {"symbols": [symbols[name] for name in names], "rows": rows}
+
+
+def _energy(taken: float) -> str:
+    return f"{'take' if taken >= 0.0 else 'give'} {1e3 * abs(taken):.3g} mJ"
+
+
+#: From how many standard deviations on it matters how far an unknown would be off, and from where on only that.
+_MATTERS, _MANY = 1.0, 100.0
+_GAPS = ("gap_before", "gap_after", "train_before", "train_after")
+
+
+def sentence(content: Mapping[str, Any]) -> str:
+    """The verdict in words."""
+    names = ", ".join(step["effect"] for step in content["steps"])
+    gaps = f"the held-out gap goes from {ratio(content['gap_first'])} to {ratio(content['gap_last'])}"
+    left = content["remainder"]
+    departs = (
+        f" What was held out departs more than noise and what is open of the unknowns allow (at most"
+        f" {ratio(content['gap_allowed'])}): something else is missing, or stands behind what was found."
+        if _departs(content)
+        else ""
+    )
+    rest = f" Something is still left (p = {_digits(left['p'])}): {left['described']}." if left["significant"] else ""
+    if content["verdict"] == "nothing_missing":
+        return (
+            f"Nothing is missing: what the model leaves is noise (held-out gap {ratio(content['gap_last'])}).{departs}"
+        )
+    if content["verdict"] == "named":
+        them = "it" if len(content["steps"]) == 1 else "them"
+        return f"Missing from the model: {names}; with {them}, {gaps}.{rest}{departs}"
+    if content["verdict"] == "equivalent":
+        sets = " or ".join(" with ".join(members) for members in content["equivalent"])
+        certain = f"Missing from the model: {names}, and besides" if names else "Missing from the model:"
+        return f"{certain} one of {sets}, which these data cannot tell apart; {gaps}.{rest}{departs}"
+    law = "" if left["law"] is None else f" With a law learned from the data, {gaps}."
+    return f"Something is missing, and it is no effect of the catalogue.{law}{rest}"
+
+
+def _departs(content: Mapping[str, Any]) -> bool:
+    """Whether the repaired model fails on what was held out."""
+    return content["gap_last"] > content["gap_allowed"]
+
+
+def _digits(value: float | None) -> str:
+    return "–" if value is None else "< 0.001" if 0.0 <= value < 1e-3 else number(value)
+
+
+def _probability(value: float) -> str:
+    return "> 0.999" if value > 0.999 else f"{value:.3f}"
+
+
+def _rows(diagnosis: Diagnosis, values: Mapping[str, float]) -> list[tuple[str, str, str]]:
+    """(symbol, value, unit) of the base model's unknowns of the cradle."""
+    unknowns = [u for u in diagnosis.base.likelihood.unknowns if not u.nuisance]
+    rows = []
+    for u in unknowns:
+        rounding = Rounding.of(values[u.name], abs(values[u.name]) * 1e-2)
+        rows.append((markup(u.symbol), rounding.text(values[u.name]), unit_markup(u.unit, rounding.exponent)))
+    return rows
+
+
+def _intervals(diagnosis: Diagnosis) -> list[tuple[str, str, str, str, str]]:
+    """(symbol, name, median, 95 % interval, unit) of the repaired model's unknowns of the cradle."""
+    rows = []
+    for u in diagnosis.final.likelihood.unknowns:
+        if not u.nuisance:
+            found = diagnosis.parameters[u.name]
+            median, interval, exponent = estimate(found.median, found.ci95)
+            rows.append((markup(u.symbol), u.name, median, interval, unit_markup(u.unit, exponent)))
+    return rows

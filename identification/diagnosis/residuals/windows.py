@@ -1,0 +1,124 @@
+"""Data and model window by window, the state at the start of each window inferred, so that a cause is seen where it
+acts and not smeared over what follows; and the energy that these states hold, beside that of the model."""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass
+
+import numpy as np
+
+from cradle_env.cradle import InitialState
+from cradle_env.simulation import SimulationError
+from identification.inference.fit_result import Fitted, span
+
+#: Width of a window, in small-angle periods.
+_WIDTH = 2.0
+#: Readings are near an impact within so many seconds of it.
+_NEAR = 0.025
+#: Differences of a start state are so many noises wide.
+_APART = 0.3
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """The fitted model at the readings of one run, (R',) each: rows among the residuals, bob (from 0), time [s] in the
+    file, θ [rad], θ̇ over the small-angle frequency [rad], and whether an impact of that bob is near."""
+
+    rows: np.ndarray
+    bob: np.ndarray
+    time: np.ndarray
+    theta: np.ndarray
+    speed: np.ndarray
+    near: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Window:
+    """Readings of one run between two times [s] of its file: rows (R',), an orthonormal basis (R', k) of what another
+    start state would change, and the energy [J] that the data hold beyond the model at its start, `energy` @ r for
+    residuals r (R',), with its sd."""
+
+    run: int
+    interval: tuple[float, float]
+    rows: np.ndarray
+    absorbed: np.ndarray
+    energy: np.ndarray
+    sd: float
+
+
+def motions(fitted: Fitted) -> list[Motion]:
+    """The fitted model at the readings of each run that has any."""
+    return [_motion(fitted, int(k)) for k in np.unique(fitted.readings.run)]
+
+
+def _motion(fitted: Fitted, index: int) -> Motion:
+    likelihood, at = fitted.likelihood, fitted.readings
+    rows = np.flatnonzero(at.run == index)
+    times, row = np.unique(at.time[rows], return_inverse=True)
+    run, bob = likelihood.motion(fitted.values, index, times), at.bob[rows]
+    cradle, instants = run.cradle, run.t
+    near = np.zeros(len(row), bool)
+    for i in range(cradle.bobs):
+        hits = np.unique(run.impacts["time"][np.isin(run.impacts["pair"], (i, i + 1))])
+        if len(hits):
+            after = np.searchsorted(hits, instants)
+            before_it = np.abs(instants - hits[np.maximum(after - 1, 0)])
+            after_it = np.abs(instants - hits[np.minimum(after, len(hits) - 1)])
+            near |= (bob == i) & (np.minimum(before_it, after_it)[row] < _NEAR)
+    speed = run.theta_dot[row, bob] * cradle.period / (2.0 * np.pi)
+    return Motion(rows, bob, at.time[rows], run.theta[row, bob], speed, near)
+
+
+def windows(fitted: Fitted) -> list[Window]:
+    """All windows of all runs."""
+    found = []
+    for index in np.unique(fitted.readings.run):
+        found += _of_run(fitted, int(index))
+    return found
+
+
+def edges(fitted: Fitted, index: int) -> np.ndarray:
+    """Times [s] in the file of a run at which its windows begin, and the end of the last."""
+    time = fitted.readings.time[fitted.readings.run == index]
+    return divided(float(time.min()), float(time.max()), _WIDTH * fitted.cradle.period)
+
+
+def divided(begin: float, end: float, width: float) -> np.ndarray:
+    """Ends of equal windows, about so wide, between two times [s]."""
+    return np.linspace(begin, end, max(1, round((end - begin) / width)) + 1)
+
+
+def _of_run(fitted: Fitted, index: int) -> list[Window]:
+    likelihood, at, run = fitted.likelihood, fitted.readings, fitted.experiment.runs[index]
+    values, cradle = fitted.values, likelihood.cradle(fitted.values, run)
+    ends, found = edges(fitted, index), []
+    noise = likelihood.weighing[index] / (1.0 if run.quantity == "theta" else cradle.length)
+    omega = 2.0 * np.pi / cradle.period
+    steps = _APART * noise * np.array([1.0] * cradle.bobs + [omega] * cradle.bobs)
+    # What it takes to turn changes of (θ, θ̇) into energy: that of one bob on a string of the nominal length.
+    weight, inertia = cradle.mass * cradle.gravity * cradle.length, cradle.mass * cradle.length**2
+    starts = likelihood.motion(values, index, ends[:-1])
+    for i, (low, high) in enumerate(itertools.pairwise(ends)):
+        inside = (at.run == index) & (at.time >= low) & ((at.time < high) | (high == ends[-1]))
+        rows = np.flatnonzero(inside)
+        if len(rows) < 4 * len(steps):
+            continue
+        times, row = np.unique(at.time[rows], return_inverse=True)
+        state = np.concatenate([starts.theta[i], starts.theta_dot[i]])
+
+        def seen(moved, i=i, times=times, low=low, row=row, bob=at.bob[rows]) -> np.ndarray:
+            theta, theta_dot = np.split(moved, 2)
+            start = InitialState(theta, theta_dot, starts.r[i], starts.r_dot[i])
+            return likelihood.observed(cradle, start, times - low, values, index)[0][row, bob]
+
+        try:
+            still = seen(state)
+            S = np.array([seen(state + step) - still for step in np.diag(steps)]).T
+        except (SimulationError, ValueError):
+            continue
+        S /= steps * likelihood.weighing[index]
+        slope = np.concatenate([weight * np.sin(starts.theta[i]), inertia * starts.theta_dot[i]])
+        energy = -slope @ np.linalg.pinv(S)
+        found.append(Window(index, (float(low), float(high)), rows, span(S), energy, float(np.linalg.norm(energy))))
+    return found

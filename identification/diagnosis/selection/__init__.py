@@ -1,0 +1,1 @@
+"""Selection: which candidate effects the data support."""

@@ -1,0 +1,177 @@
+"""What may be missing: every effect of the catalogue that the model does not have, read from its declaration."""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from cradle_env.cradle import Cradle
+from cradle_env.effects import MODELS, Effect, Parameter, effect, known_effects
+from cradle_env.effects.elements import element_of
+from identification.experiment.experiment import Experiment
+from identification.inference.unknowns import element_names
+
+Values = Mapping[str, Any]
+#: Effects that are in question together.
+Names = tuple[str, ...]
+
+#: Factors of the scale at which the parameters that mean nothing at zero strength are tried.
+_GRID = (1.0, 1.0 / 3.0, 3.0)
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """An effect that may be missing: its name, and before it the names of what it requires and the model has not.
+
+    unknown: "effect.parameter" of what would be inferred, "effect.parameter[i]" of what has a value per bob or gap;
+    alike: those values are one and the same, "effect.parameter[*]".
+    """
+
+    name: str
+    effects: tuple[str, ...]
+    unknown: tuple[str, ...]
+    alike: bool = False
+
+    @property
+    def label(self) -> str:
+        """Its name, as reports and figures have it."""
+        return f"{self.name}, all alike" if self.alike else self.name
+
+    @property
+    def declaration(self) -> Effect:
+        """The effect's own."""
+        return effect(self.name)
+
+
+def candidates(cradle: Cradle) -> list[Candidate]:
+    """All known effects that the cradle does not have, and that can matter to it; one with a value per bob or gap
+    also with all of them alike, which comes first."""
+    found = []
+    for declared in known_effects():
+        if cradle.has(declared.name) or (cradle.bobs == 1 and not _matters_alone(declared)):
+            continue
+        chain = tuple(name for name in _chain(declared) if not cradle.has(name))
+        if any(p.each and not p.balanced and p.count(cradle.bobs) > 1 for p in declared.parameters):
+            same = tuple(f"{declared.name}.{p.key}" + ("[*]" if p.each else "") for p in declared.parameters)
+            found.append(Candidate(declared.name, chain, same, alike=True))
+        unknown = (name for e in map(effect, chain) for p in e.parameters for name in names_of(e, p, cradle.bobs))
+        found.append(Candidate(declared.name, chain, tuple(unknown)))
+    return found
+
+
+def taken_from(experiment: Experiment, without: Experiment, name: str) -> Candidate:
+    """The candidate that an effect of this name is, in the form it has in an experiment, to one without it."""
+    unknown = {*experiment.unknown_effect_parameters}
+    return next(c for c in candidates(without.cradle) if c.name == name and unknown.issuperset(c.unknown))
+
+
+def added_as(cradle: Cradle, candidate: Candidate) -> Candidate:
+    """A candidate of one cradle as that of another, which may have some of what it requires."""
+    return next(c for c in candidates(cradle) if c.label == candidate.label)
+
+
+def _matters_alone(declared: Effect) -> bool:
+    return (
+        declared.acts_on != "contact"
+        and not declared.between
+        and all(p.count(1) > p.balanced for p in declared.parameters)
+    )
+
+
+def _chain(declared: Effect) -> list[str]:
+    """What an effect requires, what that requires first, then its own name."""
+    names: list[str] = []
+    for needed in declared.requires:
+        names += [name for name in _chain(effect(needed)) if name not in names]
+    return [*names, declared.name]
+
+
+def names_of(declared: Effect, parameter: Parameter, bobs: int) -> list[str]:
+    """The names by which a parameter's values are inferred."""
+    return element_names(f"{declared.name}.{parameter.key}", parameter, bobs)
+
+
+def parameter_of(name: str) -> Parameter:
+    """The parameter of which an unknown is a value: "effect.parameter", with "[i]" where there are several."""
+    owner, _, address = name.partition(".")
+    key, _ = element_of(address)
+    return next(p for p in effect(owner).parameters if p.key == key)
+
+
+def is_strength(parameter: Parameter) -> bool:
+    """Whether the effect is absent at a value of this parameter; the others mean nothing there."""
+    return not math.isnan(parameter.absent)
+
+
+def one_sided(parameter: Parameter) -> bool:
+    """Whether a parameter sits at its bound when the effect is absent."""
+    return math.isinf(parameter.absent) or parameter.absent in (parameter.low, parameter.high)
+
+
+def filled(parameter: Parameter, value: float, bobs: int) -> Any:
+    """A value within bounds, as often as the parameter has values."""
+    value = min(max(value, parameter.low), parameter.high)
+    if parameter.balanced:
+        return [value] * (parameter.count(bobs) - 1) + [-value * (parameter.count(bobs) - 1)]
+    return [value] * parameter.count(bobs) if parameter.each else value
+
+
+def shapes(declared: Effect, bobs: int) -> Iterator[dict[str, Any]]:
+    """Values of the parameters that mean nothing at zero strength: their scales, then a grid of one factor each."""
+    free = [p for p in declared.parameters if not is_strength(p)]
+    seen = []
+    for factors in itertools.product(_GRID, repeat=len(free)):
+        if sum(factor != 1.0 for factor in factors) <= 1:
+            values = {p.key: filled(p, p.scale * factor, bobs) for p, factor in zip(free, factors, strict=True)}
+            if values not in seen:
+                seen.append(values)
+                yield values
+
+
+def strength(parameter: Parameter, factor: float) -> float:
+    """The value at `factor` scales from where the effect is absent; an effect absent at infinity grows from there."""
+    if math.isinf(parameter.absent):
+        return parameter.scale / factor if factor else parameter.absent
+    return parameter.absent + factor * parameter.scale
+
+
+def starts(declared: Effect, bobs: int, factors: tuple[float, ...]) -> Iterator[dict[str, Any]]:
+    """Where to start a search: each shape with the strength at these factors of its scale, on both sides if it has."""
+    strengths = [p for p in declared.parameters if is_strength(p)]
+    if not declared.parameters:
+        yield {}
+        return
+    sides = (1.0,) if all(one_sided(p) for p in strengths) else (1.0, -1.0)
+    for shape in shapes(declared, bobs):
+        for side, factor in itertools.product(sides, factors):
+            yield shape | {p.key: filled(p, strength(p, side * factor), bobs) for p in strengths}
+
+
+def with_effects(
+    experiment: Experiment, added: Mapping[str, Values], unknown: tuple[str, ...] | None = None
+) -> Experiment:
+    """The experiment with more effects in its model, their parameters to be inferred (`unknown`: which) from there."""
+    cradle = experiment.cradle
+    kept = {name: values for name, values in cradle.effects.items() if name.removeprefix("-") not in added}
+    new = cradle.replace(effects={**kept, **added})
+    if unknown is None:
+        unknown = tuple(name for e in map(effect, added) for p in e.parameters for name in names_of(e, p, cradle.bobs))
+    more = tuple(name for name in unknown if name not in experiment.unknown_effect_parameters)
+    return dataclasses.replace(
+        experiment, cradle=new, unknown_effect_parameters=(*experiment.unknown_effect_parameters, *more)
+    )
+
+
+def without_effect(experiment: Experiment, name: str) -> Experiment:
+    """The experiment with one effect taken out of its model: one that was added to its base, or one of the base's."""
+    effects = {key: values for key, values in experiment.cradle.effects.items() if key != name}
+    if name in MODELS[experiment.cradle.model]:
+        effects[f"-{name}"] = {}
+    unknown = tuple(key for key in experiment.unknown_effect_parameters if key.partition(".")[0] != name)
+    return dataclasses.replace(
+        experiment, cradle=experiment.cradle.replace(effects=effects), unknown_effect_parameters=unknown
+    )

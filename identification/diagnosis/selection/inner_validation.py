@@ -1,0 +1,69 @@
+"""Prediction within the training part: a model fitted to the first two thirds of its time is held against the rest of
+it. This extrapolates as the whole does, and never looks at what is held out."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+from cradle_env.simulation import SimulationError
+from identification.diagnosis.selection.search import Searcher, finished, fit_key, placed
+from identification.experiment.experiment import Experiment
+from identification.inference import nonsmooth
+from identification.inference.fit_result import Fitted
+from identification.inference.mode_search import training_rows
+
+#: The part of the training time that is fitted.
+_INNER = 2.0 / 3.0
+#: Gaps of inner predictions that differ by less than this share are as good as equal.
+EQUAL = 0.01
+#: The gap from which on a model leaves far more than noise; and how much larger the gap of a prediction than that of
+#: the fit may be where the two are still in step.
+FAR, _IN_STEP = math.sqrt(nonsmooth.FAR), 2.0
+
+
+def inner(experiment: Experiment) -> Experiment:
+    """The training part alone, the last third of its time held out."""
+    runs = []
+    for run, rows in zip(experiment.runs, training_rows(experiment)[0], strict=True):
+        if rows.any():
+            times = run.times[rows]
+            split = float(times[0] + _INNER * (times[-1] - times[0]))
+            runs.append(dataclasses.replace(run, times=times, readings=run.readings[rows], lines=None, fit_to=split))
+    return dataclasses.replace(experiment, runs=tuple(runs))
+
+
+def predictions(without: Fitted, refit: Fitted, searcher: Searcher) -> tuple[float, float] | None:
+    """Gaps of the inner predictions of a model and of one with more, where these tell more than χ² does: far above the
+    noise every effect gains much χ², by bending towards what is missing.
+
+    None near the noise, or where the model without predicts out of step.
+    """
+    if refit.training_gap() < FAR:
+        return None
+    before, gap = gap_within(without, searcher)
+    return None if gap > _IN_STEP * before.training_gap() else (gap, gap_within(refit, searcher)[1])
+
+
+def gap_within(fitted: Fitted, searcher: Searcher) -> tuple[Fitted, float]:
+    """The model fitted to the first two thirds, and the gap of its prediction; inf where that ends before the readings
+    do."""
+    within = _fitted_within(fitted, searcher)
+    try:
+        return within, within.held_out_gap()
+    except SimulationError:
+        return within, math.inf
+
+
+def refuted(fitted: Fitted) -> bool:
+    """Whether a model that comes near the noise predicts what was held out worse than a right one does but once in a
+    hundred times."""
+    return fitted.training_gap() <= FAR and fitted.held_out_gap() > fitted.allowed_gap
+
+
+def _fitted_within(fitted: Fitted, searcher: Searcher) -> Fitted:
+    """The model fitted to the first two thirds, from where it has its mode."""
+    likelihood = searcher.likelihood(inner(fitted.experiment))
+    key = fit_key("inner", likelihood.experiment, fitted.point.tolist())
+    start = placed(likelihood, fitted.values)
+    return Fitted(likelihood, searcher.store.point(key, lambda: finished(likelihood, start, thorough=True)))

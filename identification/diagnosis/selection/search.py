@@ -1,0 +1,287 @@
+"""Fits of models to the training part, from many starts, kept in a file so that an interrupted search goes on."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+import threading
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cradle_env.effects import effect, known_effects
+from cradle_env.simulation import SimulationError, in_threads
+from identification.diagnosis.selection.candidates import Candidate, Values, starts, with_effects
+from identification.experiment.experiment import Experiment
+from identification.inference.fit_result import Fitted
+from identification.inference.likelihood import Likelihood
+from identification.inference.mode_search import (
+    Progress,
+    bounds,
+    cost,
+    early_rows,
+    find_mode,
+    refine,
+    refined_from,
+    training_rows,
+)
+from identification.inference.nonsmooth import among_modes, polish
+from identification.storage.files import ExperimentError, json_text, write_together
+from identification.storage.provenance import program
+from identification.storage.schema import read_json
+
+#: Strengths at which a search starts, in scales of the parameter: from as good as none, which is no worse than without.
+_FACTORS = (0.01, 0.1, 1.0, 3.0)
+#: How many starts are followed, by how many evaluations; how many of them to the end, by how many at most; and rounds
+#: over a rough misfit before a model is given up.
+_FOLLOWED, _FIRST, _KEPT, _LAST, _FEW = 3, 6, 2, 40, 2
+#: Searches from anywhere at most until two agree on a mode, and standard deviations of χ² that noise alone may leave.
+_ATTEMPTS, _NOISE = 4, 1.0
+
+
+#: How the result of long work, a vector, is kept: the key of the work, and the work.
+Keep = Callable[[str, Callable[[], np.ndarray]], np.ndarray]
+
+
+def at_once(_: str, find: Callable[[], np.ndarray]) -> np.ndarray:
+    """What is found, kept nowhere."""
+    return find()
+
+
+class Store:
+    """Points of finished fits by what was fitted, in a file (None: in memory only). inputs: "program/data", of which
+    fits of other data are refused (ExperimentError), and those by another program made anew."""
+
+    def __init__(self, path: Path | None, inputs: str):
+        self.path, self.inputs, self.points = path, inputs, {}
+        self._writing = threading.Lock()
+        if path is not None and path.is_file():
+            known = read_json(path, "fits", "remove it to begin anew, or choose another --out")
+            data, points = known["inputs"].partition("/")[2], known["points"]
+            if data != inputs.partition("/")[2]:
+                raise ExperimentError(
+                    f"{path}: holds the fits of another experiment, or with another seed, which would be lost; "
+                    "choose another --out"
+                )
+            self.points = points if known["inputs"] == inputs else {}  # of another program: begin anew
+
+    @classmethod
+    def of(cls, out: str | Path | None, experiment: Experiment, seed: int) -> Store:
+        """That of an experiment in folder `out` (None: in memory); fits by other code are not taken over."""
+        path = None if out is None else Path(out) / "fits.json"
+        return cls(path, f"{program(known_effects())}/{experiment.digest}/{seed}")
+
+    def point(self, key: str, find: Callable[[], np.ndarray]) -> np.ndarray:
+        """The point of that key, found if it is not known; of several threads at once, too."""
+        if key not in self.points:
+            found = [float(z) for z in find()]
+            with self._writing:
+                self.points[key] = found
+                if self.path is not None:
+                    kept = {k: z for k, z in self.points.items() if np.isfinite(z).all()}  # JSON knows no others
+                    text = json_text({"inputs": self.inputs, "points": kept})
+                    write_together(self.path.parent, {self.path.name: text})
+        return np.array(self.points[key])
+
+
+class Searcher:
+    """Fits to the training part, or to all that may be fitted; each is done once, and of a model the best is kept."""
+
+    def __init__(self, store: Store, seed: int, workers: int | None):
+        self.store, self.seed, self.workers = store, seed, workers
+        self._best: dict[str, Fitted] = {}
+
+    def globally(self, experiment: Experiment, tell: Progress | None = None) -> Fitted:
+        """The best mode of a model, from anywhere."""
+        return self.best(self._search(experiment, tell))
+
+    def _search(self, experiment: Experiment, tell: Progress | None, attempt: int = 0) -> Fitted:
+        """A mode of a model, from anywhere; each attempt draws other starts."""
+        likelihood, seed = self.likelihood(experiment), self.seed + attempt
+        key = fit_key("globally", experiment, seed)
+
+        def find() -> np.ndarray:
+            return among_modes(likelihood, polish(likelihood, find_mode(likelihood, seed, tell).point))
+
+        return Fitted(likelihood, self.store.point(key, find))
+
+    def anywhere(self, fitted: Fitted, candidate: Candidate) -> Fitted:
+        """The best mode of a model with a candidate added, from anywhere."""
+        return self.globally(self._with(fitted, candidate).experiment)
+
+    def settled(self, fitted: Fitted, tell: Progress | None = None) -> Fitted:
+        """The best mode of a model again, with more effort: searches from anywhere until one comes to the same χ² as
+        the best so far, for modes multiply with the bobs; then the modes about what is best by now, which may come
+        from elsewhere."""
+        best = self.best(fitted)
+        for attempt in range(1, _ATTEMPTS):
+            try:
+                found = self._search(fitted.experiment, tell, attempt)
+            except SimulationError:  # from these draws nowhere
+                continue
+            agreed = abs(found.chi2 - best.chi2) < best.unit
+            best = self.best(found)
+            if agreed:
+                break
+        key = fit_key("settled", best.experiment, best.point.tolist())
+        point = self.store.point(key, lambda: among_modes(best.likelihood, best.point))
+        return self.best(Fitted(best.likelihood, point))
+
+    def nearby(self, experiment: Experiment, values: Mapping[str, float]) -> Fitted:
+        """The best mode known of a model, or that which is reached from these values of its unknowns."""
+        known = self._best.get(fit_key("best", experiment))
+        if known is not None:
+            return known
+        likelihood = self.likelihood(experiment)
+        key = fit_key("nearby", experiment, sorted(values.items()))
+        point = placed(likelihood, values)
+        return self.best(Fitted(likelihood, self.store.point(key, lambda: finished(likelihood, point))))
+
+    def on_everything(self, fitted: Fitted) -> Fitted:
+        """The fit moved to all readings that may be fitted, which choose nothing any more; with a law, whose terms go
+        with their mode of the other unknowns, to no other mode."""
+        likelihood = Likelihood(fitted.experiment, None, self.workers)
+        key = fit_key("on everything", fitted.experiment, fitted.point.tolist())
+
+        def find() -> np.ndarray:
+            point = finished(likelihood, fitted.point)
+            return point if fitted.learned else among_modes(likelihood, point)
+
+        return Fitted(likelihood, self.store.point(key, find))
+
+    def adding(
+        self, fitted: Fitted, candidate: Candidate, likely: Sequence[Values] = (), enough: float = math.inf
+    ) -> Fitted:
+        """The best fit of the model with a candidate added: from the mode without it and from what was stated, at
+        several strengths on both sides and where it is `likely`; and, where it brings no parameter or brings other
+        effects along, from anywhere. A fit that is far from a χ² of `enough` is left unfinished."""
+        own, likelihood = candidate.declaration, self._with(fitted, candidate)
+        known = self._best.get(fit_key("best", likelihood.experiment))
+        if known is not None and known.chi2 <= fitted.chi2:
+            return known
+
+        def find() -> np.ndarray:
+            if not own.parameters or len(candidate.effects) > 1:
+                return polish(likelihood, find_mode(likelihood, self.seed).point)
+            origins = {**likelihood.values(likelihood.start()), **fitted.values}, {}
+            several = [flat(own.name, values) for values in starts(own, fitted.cradle.bobs, _FACTORS)]
+            tried = [placed(likelihood, {**origin, **values}) for values in several for origin in origins]
+            tried += [placed(likelihood, {**origins[0], **flat(own.name, values)}) for values in likely]
+            return best_of(likelihood, tried, early_too=True, enough=enough)
+
+        begun = [sorted(flat(own.name, values).items()) for values in likely]
+        key = fit_key("adding", likelihood.experiment, fitted.point.tolist(), self.seed, begun, enough)
+        return self.best(Fitted(likelihood, self.store.point(key, find)))
+
+    def adding_beside(
+        self, fitted: Fitted, candidate: Candidate, other: Fitted, likely: Sequence[Values] = (),
+        enough: float = math.inf,
+    ) -> Fitted:  # fmt: skip
+        """The best fit of the model with a candidate added, once more: from where another model has its mode. Modes
+        that differ in κ are common to all of them, and what bends one model into a wrong one hides from the next. A
+        fit that is far from a χ² of `enough` is left unfinished."""
+        own, likelihood = candidate.declaration, self._with(fitted, candidate)
+        if not own.parameters or len(candidate.effects) > 1:
+            return self.adding(fitted, candidate)
+        several = [*starts(own, fitted.cradle.bobs, _FACTORS), *likely]
+        tried = [placed(likelihood, {**other.values, **flat(own.name, values)}) for values in several]
+        begun = [sorted(flat(own.name, values).items()) for values in likely]
+        key = fit_key("beside", likelihood.experiment, fitted.point.tolist(), other.point.tolist(), begun, enough)
+        point = self.store.point(key, lambda: best_of(likelihood, tried, early_too=False, enough=enough))
+        return self.best(Fitted(likelihood, point))
+
+    def beside(self, fitted: Fitted, other: Fitted) -> Fitted:
+        """The best fit of a model, once more: from where another model has its mode."""
+        likelihood, point = fitted.likelihood, placed(fitted.likelihood, other.values)
+        key = fit_key("beside", fitted.experiment, other.point.tolist())
+        return self.best(Fitted(likelihood, self.store.point(key, lambda: finished(likelihood, point))))
+
+    def _with(self, fitted: Fitted, candidate: Candidate) -> Likelihood:
+        """The likelihood of the model with a candidate added, at its scale."""
+        brought = {name: next(starts(effect(name), fitted.cradle.bobs, (1.0,))) for name in candidate.effects}
+        return self.likelihood(with_effects(fitted.experiment, brought, candidate.unknown))
+
+    def likelihood(self, experiment: Experiment) -> Likelihood:
+        """That of the training part."""
+        return Likelihood(experiment, training_rows(experiment)[0], self.workers)
+
+    def best(self, fitted: Fitted) -> Fitted:
+        """The best fit of the model of a fit so far."""
+        key = fit_key("best", fitted.experiment)
+        known = self._best.get(key)
+        if known is None or fitted.chi2 < known.chi2:
+            self._best[key] = fitted
+        return self._best[key]
+
+
+def only_noise(fitted: Fitted) -> bool:
+    """Whether a fit leaves no more χ² than noise alone may."""
+    return fitted.chi2 < fitted.count + _NOISE * math.sqrt(2.0 * fitted.count)
+
+
+def best_of(
+    likelihood: Likelihood, tried: list[np.ndarray], early_too: bool, enough: float = math.inf
+) -> np.ndarray:  # fmt: skip
+    """Where the best of many starts leads: those nearest to the data (and those nearest to the early data alone, over
+    which the misfit has fewer modes) go a little way, the best of them to the end, if one came below `enough`."""
+    data = [likelihood]
+    if early_too:
+        rows = early_rows(likelihood)
+        data.append(Likelihood(likelihood.experiment, rows, likelihood.workers, likelihood.parameters))
+    reached = []
+    for some in data:
+        costs = np.array(in_threads(lambda z, some=some: cost(some, z), tried, likelihood.workers))
+        followed = [tried[i] for i in np.argsort(costs)[:_FOLLOWED] if np.isfinite(costs[i])]
+        if some is not likelihood:
+            followed = [point for point, _ in refined_from(some, followed, _FIRST)]
+        reached += refined_from(likelihood, followed, _FIRST)
+    if not reached:
+        raise SimulationError("none of the starting values can be simulated")
+    nearest = min(reached, key=lambda pair: pair[1])
+    if nearest[1] > enough:
+        near = polish(likelihood, nearest[0], _FEW)
+        reached.append((near, cost(likelihood, near)))
+        if reached[-1][1] > enough:
+            return near
+    distinct: list[tuple[np.ndarray, float]] = []
+    for point, least in sorted(reached, key=lambda pair: pair[1]):
+        if all(abs(least - other) > 1e-2 for _, other in distinct):
+            distinct.append((point, least))
+    ends = refined_from(likelihood, [point for point, _ in distinct[: _KEPT if early_too else 1]], _LAST)
+    return polish(likelihood, min(ends, key=lambda pair: pair[1])[0])
+
+
+def finished(likelihood: Likelihood, point: np.ndarray, thorough: bool = False) -> np.ndarray:
+    """The mode near a point, (D,); thorough: see `polish`."""
+    return polish(likelihood, refine(likelihood, point, _LAST)[0], thorough=thorough)
+
+
+def placed(likelihood: Likelihood, values: Mapping[str, float]) -> np.ndarray:
+    """The point of a likelihood at these values of its unknowns, elsewhere at its start; within bounds."""
+    point = likelihood.start()
+    for i, u in enumerate(likelihood.unknowns):
+        if u.name in values:
+            point[i] = u.coordinate(values[u.name])
+    return np.clip(point, *bounds(likelihood))
+
+
+def flat(name: str, values: Values) -> dict[str, float]:
+    """{"effect.key": value} of an effect's values; "effect.key[i]" where there are several, and their mean as "[*]"."""
+    found = {}
+    for key, value in values.items():
+        if isinstance(value, list | tuple):
+            found |= {f"{name}.{key}[{i}]": one for i, one in enumerate(value, 1)}
+            found[f"{name}.{key}[*]"] = sum(value) / len(value)
+        else:
+            found[f"{name}.{key}"] = value
+    return found
+
+
+def fit_key(what: str, experiment: Experiment, *more: Any) -> str:
+    """What a fit of a model is stored by: the kind of fit, the model's effects, and what else it depends on."""
+    cradle = experiment.cradle
+    model = (cradle.model, sorted(cradle.effects), sorted(experiment.unknown_effect_parameters))
+    return hashlib.sha256(json.dumps([what, model, *more]).encode()).hexdigest()[:20]

@@ -1,0 +1,87 @@
+"""How well the unknowns of a fitted model are known."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.stats import norm, truncnorm
+
+from cradle_env.simulation import in_threads
+from identification.diagnosis.selection.search import Keep, at_once, fit_key
+from identification.diagnosis.uncertainty.alternative_modes import branches, shapes_of
+from identification.diagnosis.uncertainty.conditional_likelihood import refit_others
+from identification.diagnosis.uncertainty.profile_likelihood import EVALUATIONS, profile_end
+from identification.inference.fit_result import Fitted
+from identification.inference.linear_algebra import on_one_thread
+from identification.inference.mode_search import SEVERAL, bounds
+
+#: Probabilities below the median and the ends of an interval; and the normal quantile of these.
+_SHARES = 0.5, 0.025, 0.975
+_END = float(norm.ppf(_SHARES[2]))
+
+
+@dataclass(frozen=True, eq=False)
+class Interval:
+    """An unknown's median and central 95 %."""
+
+    unit: str
+    median: float
+    ci95: tuple[float, float]
+
+
+@on_one_thread
+def intervals(fitted: Fitted, keep: Keep = at_once) -> dict[str, Interval]:
+    """Medians and 95 % intervals by Laplace, inflated for residuals that are not white and cut at the bounds; of
+    fewer than three bobs, over which the misfit is smooth, the intervals of what is of the model by profile: of
+    unknowns that make up for each other the most probable values may lie on a bent ridge. Where an effect may have
+    other shapes, they hold what is as probable by each of these, too. keep: of ends of profiles, and of such shapes."""
+    deviations = np.sqrt(np.maximum(np.diag(fitted.covariance), 1e-300))
+    others, widths = branches(fitted, 2.0 * _SHARES[1], keep)
+    smooth, shapes = fitted.cradle.bobs < SEVERAL and not fitted.learned, shapes_of(fitted)
+    followed = [i for i, u in enumerate(fitted.likelihood.unknowns) if smooth and not u.nuisance and i not in shapes]
+    steps = [(i, sign * deviations[i]) for i in followed for sign in (-1.0, 1.0)]
+
+    def end(step: tuple[int, float]) -> float:
+        key = fit_key("end of an interval", fitted.experiment, fitted.point.tolist(), *step)
+        return float(keep(key, lambda: np.array([_profile_end(fitted, *step)]))[0])
+
+    reached = in_threads(end, steps, fitted.likelihood.workers)
+    by_profile = dict(zip(followed, zip(reached[::2], reached[1::2], strict=True), strict=True))
+    found, (least, most) = {}, bounds(fitted.likelihood)
+    for i, (u, z, sd) in enumerate(zip(fitted.likelihood.unknowns, fitted.point, deviations, strict=True)):
+        lowest, highest = (math.log(u.low), math.log(u.high)) if u.log else (u.low, u.high)
+        low, high = ((bound - z) / sd if math.isfinite(bound) else bound for bound in (lowest, highest))
+        median, *ends = truncnorm.ppf(_SHARES, min(low, -1e-12), max(high, 1e-12), z, sd)
+        if i in by_profile:
+            ends = by_profile[i]
+            median = min(max(median, ends[0]), ends[1])
+        first = min([ends[0], *(others[:, i] - widths[:, i])])
+        last = max([ends[1], *(others[:, i] + widths[:, i])])
+        ci95 = (  # at a bound the bound: a search stays a little within
+            u.low if first <= least[i] else float(u.value(first)),
+            u.high if last >= most[i] else float(u.value(last)),
+        )
+        found[u.name] = Interval(u.unit, float(u.value(median)), ci95)
+    return found
+
+
+def _profile_end(fitted: Fitted, i: int, step: float) -> float:
+    """The coordinate of unknown i, on the side to which `step` leads [its standard deviation], where χ² over the
+    inflation, refitted in all others, has risen by that of the interval's end; its bound where it rises by less."""
+    likelihood, least, inflation = fitted.likelihood, fitted.chi2, fitted.coloured[0]
+    within = bounds(likelihood)
+    limit = float(within[0 if step < 0.0 else 1][i])
+
+    def refit(u: float, start: np.ndarray) -> tuple[np.ndarray, float]:
+        held = float(np.clip(fitted.point[i] + u * step, within[0][i], within[1][i]))
+        found, chi2 = refit_others(likelihood, i, held, start, EVALUATIONS)
+        return found, math.sqrt(max(chi2 - least, 0.0) / inflation)
+
+    ahead = fitted.covariance[i] / fitted.covariance[i, i] * step
+    furthest = (limit - fitted.point[i]) / step
+    u, _ = profile_end(refit, fitted.point, ahead, furthest, _END)
+    if u > (1.0 - 1e-9) * furthest:  # but for rounding
+        return limit
+    return float(np.clip(fitted.point[i] + u * step, within[0][i], within[1][i]))

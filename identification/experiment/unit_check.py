@@ -1,0 +1,74 @@
+"""Whether readings can be in the unit that their file states."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+
+from cradle_env.cradle import Cradle
+from identification.experiment.recording import UNITS
+from identification.experiment.run import Run
+
+#: Factors from the stated release beyond which readings must be in another unit: where the first period was seen, and
+#: where the swing may have decayed before anything was.
+_SEEN, _DECAYED = 2.0, 20.0
+
+
+def check_unit(run: Run, cradle: Cradle) -> None:
+    """Refuses (ValueError) angles that no bob reaches, or that are far from the stated release."""
+    angles = np.abs(angles_read(run, cradle))
+    row, bob = map(int, np.unravel_index(np.nanargmax(angles), angles.shape))
+    largest = float(angles[row, bob])
+    limit, bobs = (0.5 * math.pi, "a bob on strings") if cradle.has("radial_elasticity") else (math.pi, "a pendulum")
+    if run.quantity == "theta" and largest > limit:
+        raise ValueError(
+            f"{run.file}, {run.place(row, bob)}, bob {bob + 1}: {_shown(largest, run)} is more than {bobs} swings"
+            f" to, {_shown(limit, run)}; {_remedy(run, largest, 0.0, limit)}"
+        )
+    if run.release is None:
+        return
+    released = run.release.release.angles_of(cradle)
+    lifted = np.flatnonzero(np.isfinite(released) & (released != 0.0))
+    first = (run.times >= 0.0) & (run.times <= cradle.period)
+    for bob in lifted:
+        stated = abs(float(released[bob]))
+        seen = ~np.isnan(angles[:, bob])
+        if not seen.any():
+            continue
+        early = bool((seen & first).any() and seen[first].mean() > 0.5)
+        factor = _SEEN if early else _DECAYED
+        found = float(angles[seen & first if early else seen, bob].max())
+        if not stated / factor <= found <= stated * factor:
+            raise ValueError(
+                f"{run.file}, bob {bob + 1}: it swings to {_shown(found, run)}, and its release is stated as"
+                f" {stated:.4g} rad; {_remedy(run, found, 0.5 * stated, 2.0 * stated)}"
+            )
+
+
+def swings_read(run: Run, rows: np.ndarray) -> np.ndarray:
+    """Readings (T, N) from where each bob rests, as far as these rows (T,) tell; nan elsewhere."""
+    seen = np.where(rows[:, None], run.readings, np.nan)
+    if run.rest == "free":
+        known = np.flatnonzero(~np.isnan(seen).all(axis=0))
+        seen[:, known] -= np.nanmedian(seen[:, known], axis=0)
+    return seen
+
+
+def angles_read(run: Run, cradle: Cradle) -> np.ndarray:
+    """`swings_read` of all readings that are used, as angles (T, N) [rad]."""
+    return dataclasses.replace(run, readings=swings_read(run, run.fitted | run.held_out)).angles(cradle)
+
+
+def _shown(angle: float, run: Run) -> str:
+    """An angle as it stands in the file, or, of displacements, as it is."""
+    return f"{angle / run.scale:.4g} {run.unit}" if run.quantity == "theta" else f"{angle:.4g} rad"
+
+
+def _remedy(run: Run, found: float, low: float, high: float) -> str:
+    """What to do about angles of this size: a unit that would bring them between low and high [rad] is named."""
+    for unit, scale in UNITS[run.quantity].items():
+        if unit != run.unit and low < found * scale / run.scale < high:
+            return f"it looks like {unit}: write [{unit}] in the header of {run.file}"
+    return f"check the unit in the header of {run.file}, and the release, whose angles are in rad"

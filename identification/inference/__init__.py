@@ -1,0 +1,1 @@
+"""Inference: from an experiment to the mode and the posterior of its unknowns."""

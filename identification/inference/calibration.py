@@ -1,0 +1,115 @@
+"""Calibration: find the mode, sample around it, and measure the gap that is left."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+
+from cradle_env.errors import check_range
+from identification.experiment.experiment import Experiment
+from identification.experiment.unit_check import check_unit
+from identification.inference.impact_order_noise import learned
+from identification.inference.likelihood import Likelihood, rms
+from identification.inference.linear_algebra import on_one_thread
+from identification.inference.mcmc import Chains, Checkpoint, sample
+from identification.inference.mode_search import SEVERAL, Progress, find_mode, jacobian, mode_at, refit, training_rows
+from identification.inference.nonsmooth import broad_jacobian
+from identification.inference.posterior import Gap, Posterior
+from identification.inference.predictive_check import allowed_gap
+from identification.storage.files import holds_out
+
+
+@holds_out
+@on_one_thread
+def calibrate(
+    experiment: Experiment,
+    parameters: Sequence[str] | None = None,
+    *,
+    out: str | Path | None = None,
+    steps: int | None = None,
+    max_steps: int = 20000,
+    seed: int = 0,
+    workers: int | None = None,
+    progress: Progress | None = None,
+) -> Posterior:
+    """The posterior of an experiment's unknowns by MCMC.
+
+    parameters: those of k_f, kappa and b to infer, the others keep their stated values; all that matter where
+    omitted. out: folder for chain.h5, from which the same call goes on; steps: total number of steps, until converged
+    where omitted, but at most max_steps. An unconverged posterior is returned as such (`convergence`). Raises
+    ValueError for what cannot be calibrated.
+    """
+    tell = progress or (lambda *_: None)
+    max_steps = _checked_steps("max_steps", max_steps)
+    steps = None if steps is None else _checked_steps("steps", steps)
+    likelihood = Likelihood(experiment, workers=workers, parameters=parameters)
+    if not likelihood.unknowns:
+        raise ValueError("nothing is left to be inferred; name a parameter, or give what is uncertain a prior")
+    for run in experiment.runs:
+        check_unit(run, experiment.cradle_of(run))
+    with TemporaryDirectory() as scratch:
+        folder = Path(scratch if out is None else out)
+        folder.mkdir(parents=True, exist_ok=True)
+        checkpoint = Checkpoint(folder / "chain.h5", likelihood, seed)
+        if not checkpoint.exists():
+            mode = find_mode(likelihood, seed, tell)
+            tell("search", 0.95, "how the readings jump about the mode")
+            known, mode = learned(likelihood, mode)
+            inflations = likelihood.noise_inflations(mode.point)
+            wider = dataclasses.replace(mode, covariance=max(inflations) * mode.covariance)
+            checkpoint.begin(wider, known.jumps, inflations)
+        likelihood = likelihood.with_jumps(checkpoint.jumps()).with_inflations(checkpoint.inflations())
+        verdict = sample(likelihood, checkpoint, steps=steps, max_steps=max_steps, progress=tell)
+        chains = checkpoint.read()
+    kept = Chains(*(array[:, verdict.burn_in :] for array in dataclasses.astuple(chains)))
+    rates = kept.newton_exponent if likelihood.lambda_rides_along else None
+    posterior = Posterior(likelihood, kept.chain, kept.log_density, rates, verdict, Gap(np.nan, np.nan), seed)
+    tell("gap", 0.0, "fit to the training part")
+    return dataclasses.replace(posterior, gap=measure_gap(posterior))
+
+
+def _checked_steps(name: str, steps: float) -> int:
+    return int(check_range(name, steps, "", 50, remedy="fewer tell nothing about convergence"))
+
+
+def measure_gap(posterior: Posterior) -> Gap:
+    """RMS residuals over the noise, of a fit to the training part alone, there and on what was held out."""
+    full = posterior.likelihood
+    train, held = training_rows(full.experiment)
+    likelihood = Likelihood(full.experiment, train, full.workers, full.parameters)
+    point = refit(likelihood, posterior.best())
+    unseen = Likelihood(full.experiment, held, full.workers, full.parameters)
+    for k, run in enumerate(full.experiment.runs):
+        # An estimate may hold more than noise, where frames are few: it is no more than a fit leaves.
+        unseen.weighing[k] = full.noise[k]
+        if run.noise is None and train[k].any():
+            left = likelihood.predict(point, k, train[k])[0] - run.readings[train[k]]
+            unseen.weighing[k] = min(full.noise[k], rms(left))
+    scaled: dict[str, list[np.ndarray]] = {"train": [], "held_out": []}
+    raw: dict[str, list[np.ndarray]] = {"train": [], "held_out": []}
+    length, quantity = full.experiment.cradle.length, full.experiment.runs[0].quantity
+    for k, run in enumerate(full.experiment.runs):
+        in_first = 1.0 if run.quantity == quantity else length if quantity == "x" else 1.0 / length
+        for part, rows in (("train", train[k]), ("held_out", held[k])):
+            if rows.any():
+                residual = likelihood.predict(point, k, rows)[0] - run.readings[rows]
+                raw[part].append(residual * in_first)
+                scaled[part].append((residual / unseen.weighing[k]).ravel())
+    by_bob = {part: _rms_by_bob(rows) for part, rows in raw.items() if rows}
+    ratio = {part: rms(np.concatenate(rows)) if rows else np.nan for part, rows in scaled.items()}
+    residuals = likelihood.residuals(point)
+    several = full.experiment.cradle.bobs >= SEVERAL
+    J = broad_jacobian(likelihood, point, residuals) if several else jacobian(likelihood, point, residuals)
+    inflation = max(full.inflations)
+    allowed = allowed_gap(likelihood, unseen, point, inflation * mode_at(likelihood, point, J).covariance, J, inflation)
+    return Gap(ratio["train"], ratio["held_out"], by_bob, allowed)
+
+
+def _rms_by_bob(residuals: list[np.ndarray]) -> np.ndarray:
+    """RMS over all bobs, then of each; (1 + N,)."""
+    together = np.concatenate(residuals)
+    return np.array([rms(together), *(rms(column) for column in together.T)])

@@ -1,0 +1,243 @@
+"""A model fitted to the training part of an experiment: what it leaves, and what its unknowns can absorb."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from cradle_env.cradle import Cradle
+from cradle_env.effects import LEARNED
+from identification.experiment.experiment import Experiment
+from identification.experiment.noise import estimated_noise, inflation, noise_of
+from identification.inference.impact_order_noise import widened
+from identification.inference.likelihood import Likelihood, rms
+from identification.inference.mode_search import mode_at, training_rows, unit
+from identification.inference.nonsmooth import broad_jacobian, widest
+from identification.inference.predictive_check import allowed_gap
+
+#: Directions that the readings hold less than this share of, of the best known one, count as not seen at all.
+_RANK = 1e-9
+
+
+def with_known_noise(experiment: Experiment) -> Experiment:
+    """The experiment with the noise of each run stated: an inferred noise would hide what is missing."""
+    runs = tuple(dataclasses.replace(run, noise=noise_of(run)) for run in experiment.runs)
+    return dataclasses.replace(experiment, runs=runs)
+
+
+@dataclass(frozen=True, eq=False)
+class Readings:
+    """Where each of the R residuals of a fit belongs: run and bob (from 0), time [s]; all (R,)."""
+
+    run: np.ndarray
+    bob: np.ndarray
+    time: np.ndarray
+
+    @classmethod
+    def of(cls, likelihood: Likelihood) -> Readings:
+        """Those of a likelihood, in the order of its residuals."""
+        parts = []
+        for k, (run, rows) in enumerate(zip(likelihood.experiment.runs, likelihood.rows, strict=True)):
+            row, bob = np.nonzero(~np.isnan(run.readings[rows]))
+            parts.append((np.full(len(row), k), bob, run.times[rows][row]))
+        return cls(*(np.concatenate(column) for column in zip(*parts, strict=True)))
+
+
+@dataclass(frozen=True, eq=False)
+class Fitted:
+    """A likelihood over the training part, and its mode: point (D,) in sampled coordinates."""
+
+    likelihood: Likelihood
+    point: np.ndarray
+
+    @property
+    def experiment(self) -> Experiment:
+        """What was fitted."""
+        return self.likelihood.experiment
+
+    @functools.cached_property
+    def cradle(self) -> Cradle:
+        """The cradle as fitted, at the δ of the first run."""
+        return self.likelihood.cradle(self.values)
+
+    @functools.cached_property
+    def values(self) -> dict[str, float]:
+        """The unknowns at the mode."""
+        return self.likelihood.values(self.point)
+
+    def scale_of(self, name: str) -> float:
+        """The change of an unknown's coordinate that is its change by its own size, to first order."""
+        unknown = self.likelihood.unknowns[self.likelihood.names.index(name)]
+        return 1.0 if unknown.log else self.values[name]
+
+    @property
+    def learned(self) -> bool:
+        """Whether the model holds a law learned from data."""
+        return any(self.cradle.has(declared.name) for declared in LEARNED)
+
+    @functools.cached_property
+    def residuals(self) -> np.ndarray:
+        """Model less data over the noise, then those of the priors; (R + P,)."""
+        return self.likelihood.residuals(self.point)
+
+    @functools.cached_property
+    def readings(self) -> Readings:
+        """Where each residual belongs."""
+        return Readings.of(self.likelihood)
+
+    @property
+    def count(self) -> int:
+        """R, the number of readings fitted."""
+        return len(self.readings.time)
+
+    @property
+    def chi2(self) -> float:
+        """Sum of squared residuals, those of the priors included."""
+        return float(np.sum(self.residuals**2))
+
+    @property
+    def unit(self) -> float:
+        """What one unit of χ² is worth beside what this model leaves."""
+        return unit(self.chi2, self.count)
+
+    @functools.cached_property
+    def jacobian(self) -> np.ndarray:
+        """Derivatives of the residuals with respect to the sampled coordinates, (R + P, D)."""
+        return self._derivatives[0]
+
+    @property
+    def widths(self) -> np.ndarray:
+        """The steps by which they were found, (D,)."""
+        return self._derivatives[1]
+
+    @functools.cached_property
+    def _derivatives(self) -> tuple[np.ndarray, np.ndarray]:
+        widths = widest(self.likelihood)
+        return broad_jacobian(self.likelihood, self.point, self.residuals, widths), widths
+
+    @functools.cached_property
+    def absorbed(self) -> np.ndarray:
+        """Orthonormal basis of what the unknowns can absorb, (R + P, rank)."""
+        return span(self.jacobian)
+
+    def project(self, vectors: np.ndarray) -> np.ndarray:
+        """What a refit leaves of vectors (R + P,) or (R + P, M), to first order: v − Q Qᵀ v."""
+        return vectors - self.absorbed @ (self.absorbed.T @ vectors)
+
+    @functools.cached_property
+    def coloured(self) -> tuple[float, float]:
+        """(inflation c of Δχ², effective number of readings) by the residuals that are left; see `colour`."""
+        return colour(self.residuals[: self.count], self.readings)
+
+    @functools.cached_property
+    def correlations(self) -> list[float]:
+        """ρ of successive readings of each run, 0 where their noise is white."""
+        return self.likelihood.correlations(self.residuals)
+
+    @property
+    def noise_inflation(self) -> float:
+        """By how much noise hides more of slow motion than white noise of its size, as χ²: the mean over readings."""
+        counts = np.bincount(self.readings.run, minlength=len(self.correlations))
+        return float(np.average([inflation(rho) for rho in self.correlations], weights=counts))
+
+    def _series(self, run: int) -> list[np.ndarray]:
+        """Where the residuals of each bob of a run stand, in order of time."""
+        at = self.readings
+        here = [np.flatnonzero((at.run == run) & (at.bob == bob)) for bob in range(self.cradle.bobs)]
+        return [rows for rows in here if len(rows) > 2]
+
+    @functools.cached_property
+    def covariance(self) -> np.ndarray:
+        """Laplace covariance of the point, inflated for residuals that are not white and widened by jumps of the
+        readings, which are no larger for what else a model leaves; (D, D)."""
+        return widened(self.likelihood, self.point, self.jacobian, self.smooth, self.coloured[0])
+
+    @functools.cached_property
+    def smooth(self) -> np.ndarray:
+        """Laplace covariance of the point as of white noise and readings that do not jump, (D, D)."""
+        return mode_at(self.likelihood, self.point, self.jacobian).covariance
+
+    def gap(self, rows: list[np.ndarray]) -> float:
+        """RMS over the noise of model less data in rows (T,) of each run; nan where there are none."""
+        parts = []
+        for k, run in enumerate(self.experiment.runs):
+            if rows[k].any():
+                model = self.likelihood.predict(self.point, k, rows[k])[0]
+                parts.append(((model - run.readings[rows[k]]) / self.likelihood.noise[k]).ravel())
+        return rms(np.concatenate(parts)) if parts else float("nan")
+
+    def held_out_gap(self) -> float:
+        """The gap on what was held out."""
+        return self.gap(training_rows(self.experiment)[1])
+
+    @functools.cached_property
+    def allowed_gap(self) -> float:
+        """The gap on what was held out that a right model passes by chance once in a hundred times."""
+        held = Likelihood(self.experiment, training_rows(self.experiment)[1], self.likelihood.workers)
+        return allowed_gap(self.likelihood, held, self.point, self.covariance, self.jacobian, self.coloured[0])
+
+    def training_gap(self) -> float:
+        """The gap on the training part."""
+        return self.gap(training_rows(self.experiment)[0])
+
+    def replicates(self, count: int, rng: np.random.Generator, estimated: tuple[bool, ...]) -> np.ndarray:
+        """Residuals that refits to data of this very model would leave, (R + P, count): a projection each, of noise as
+        correlated as that of the readings.
+
+        estimated: of each run, whether its noise is an estimate, which then is made anew from each replicate.
+        """
+        noise = rng.standard_normal((len(self.residuals), count))
+        for k, rho in enumerate(self.correlations):
+            for rows in self._series(k) if rho > 0.0 else []:
+                spacing = np.diff(self.readings.time[rows])
+                kept = rho ** (spacing / np.median(spacing))
+                for before, row, share in zip(rows, rows[1:], kept, strict=False):
+                    noise[row] = share * noise[before] + math.sqrt(1.0 - share**2) * noise[row]
+        for k in np.flatnonzero(estimated):
+            run, rows = self.experiment.runs[k], self.likelihood.rows[k]
+            if not rows.any():  # held out as a whole
+                continue
+            here = np.flatnonzero(self.readings.run == k)
+            seen = ~np.isnan(run.readings[rows])
+            for column in range(count):
+                readings = np.full(seen.shape, np.nan)
+                readings[seen] = noise[here, column]
+                noise[here, column] /= estimated_noise(dataclasses.replace(
+                    run, times=run.times[rows], readings=readings, fit_from=run.times[rows][0], fit_to=None
+                ))  # fmt: skip
+        return self.project(noise)
+
+
+def span(columns: np.ndarray) -> np.ndarray:
+    """Orthonormal basis of the span of columns (R, K), (R, rank); columns of any units."""
+    lengths = np.linalg.norm(columns, axis=0)
+    columns = columns[:, lengths > 0.0] / lengths[lengths > 0.0]
+    if columns.shape[1] == 0:
+        return columns
+    U, s, _ = np.linalg.svd(columns, full_matrices=False)
+    return U[:, s > np.sqrt(_RANK) * s[0]]
+
+
+def colour(residuals: np.ndarray, at: Readings) -> tuple[float, float]:
+    """(inflation c of Δχ², effective number of readings) by residuals (R,) over the noise that belong there."""
+    products, total = np.zeros(1), 0.0
+    for k in np.unique(at.run):
+        for bob in np.unique(at.bob[at.run == k]):
+            own = residuals[(at.run == k) & (at.bob == bob)]
+            lags = min(len(own) // 4, 200)
+            own_products = np.array([own[: len(own) - lag] @ own[lag:] for lag in range(lags + 1)])
+            size = max(len(products), len(own_products))
+            products = np.pad(products, (0, size - len(products))) + np.pad(own_products, (0, size - len(own_products)))
+            total += len(own)
+    variance = products[0] / total
+    correlation = products[1:] / products[0]
+    # Beyond the first lag that noise of this length would show by chance, there is nothing to count.
+    chance = 2.0 / math.sqrt(total)
+    below = np.flatnonzero(correlation < chance)
+    tau = 1.0 + 2.0 * float(np.sum(correlation[: below[0] if len(below) else None]))
+    noise = variance if variance > 1.0 + 4.0 * math.sqrt(2.0 / total) else 1.0
+    return max(1.0, noise * tau), max(total / tau, 10.0)

@@ -1,0 +1,284 @@
+"""How probable an experiment's readings are for given values of the unknowns."""
+
+from __future__ import annotations
+
+import copy
+import dataclasses
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from cradle_env.cradle import Cradle, InitialState, Release
+from cradle_env.simulation import SimulationError, equilibrium, in_threads, simulate
+from cradle_env.synchronization import WINDOW, newton_exponent, sigma
+from cradle_env.trajectory import Trajectory
+from identification.experiment.experiment import Experiment
+from identification.experiment.noise import correlation, inflation, noise_of
+from identification.experiment.run import Run
+from identification.inference.instrument import Instrument
+from identification.inference.unknowns import Unknown, model_unknowns, run_unknowns, sag
+
+#: Sampling of θ_n for σ and λ [1/s].
+LAMBDA_RATE = 240.0
+#: Integration steps of the inference are longer than those of `simulate`: 1e-7 rad over 10 s, 3e-6 with dry friction,
+#: 1e-5 where contacts are followed in time, a thousandth of what strings' creep does; below any noise.
+STEP_FACTOR = 2.2
+#: Where the noise is unknown, a search first takes it for this share of the readings' RMS.
+_UNKNOWN_NOISE = 0.02
+_NONE = np.empty(0)
+
+
+@dataclass(frozen=True, eq=False)
+class Jumps:
+    """How the R readings of a run scatter beside their noise, where the order of impacts hangs on differences that
+    nobody can state: sizes [rad or m], (K,), along orthonormal directions, (R, K). See `impact_order_noise`."""
+
+    directions: np.ndarray
+    sizes: np.ndarray
+
+    def whitened(self, residuals: np.ndarray, sigma: float) -> np.ndarray:
+        """Residuals over the noise sigma, (R,) or (R, M), over noise and jumps together."""
+        shrunk = 1.0 / np.sqrt(1.0 + (self.sizes / sigma) ** 2) - 1.0
+        return residuals + (self.directions * shrunk) @ (self.directions.T @ residuals)
+
+    def log_volume(self, sigma: float) -> float:
+        """By how much they widen the density of the readings, beside noise sigma."""
+        return 0.5 * float(np.sum(np.log1p((self.sizes / sigma) ** 2)))
+
+
+class Likelihood:
+    """The posterior density of an experiment: Gaussian noise about the simulated readings, and the priors; with
+    `jumps`, one of each run, about readings that scatter as these say. Of noise that is correlated from one reading to
+    the next, `inflations` readings count for one.
+
+    rows: which readings count, one (T,) of bool per run; those that may be fitted where omitted. parameters: which of
+    k_f, kappa and b to infer, all that matter where omitted. A point is a vector of sampled coordinates, one per
+    `unknowns`.
+    """
+
+    def __init__(
+        self,
+        experiment: Experiment,
+        rows: list[np.ndarray] | None = None,
+        workers: int | None = None,
+        parameters: Sequence[str] | None = None,
+    ):
+        self.experiment, self.workers, self.parameters = experiment, workers, parameters
+        self.jumps: tuple[Jumps, ...] = ()
+        #: By how much the noise of each run hides more than white noise of its size, as χ²: in the density alone.
+        self.inflations: tuple[float, ...] = (1.0,) * len(experiment.runs)
+        self.rows = [run.fitted for run in experiment.runs] if rows is None else rows
+        self.noise = [noise_of(run) for run in experiment.runs]
+        #: What least squares weighs residuals with: the noise, or, while it is unknown, what a model may leave.
+        self.weighing = [
+            noise if run.noise is not None else max(noise, _UNKNOWN_NOISE * rms(run.readings[run.fitted]))
+            for run, noise in zip(experiment.runs, self.noise, strict=True)
+        ]
+        self.of_model = model_unknowns(experiment, parameters)
+        self.of_runs = [run_unknowns(experiment, k, self.noise[k]) for k in range(len(experiment.runs))]
+        self.unknowns: tuple[Unknown, ...] = (*self.of_model, *(u for run in self.of_runs for u in run))
+
+    @property
+    def names(self) -> list[str]:
+        """Names of the unknowns."""
+        return [u.name for u in self.unknowns]
+
+    def with_jumps(self, jumps: Sequence[Jumps]) -> Likelihood:
+        """The same, of readings that scatter so; one of each run."""
+        other = copy.copy(self)
+        other.jumps, other.weighing = tuple(jumps), list(self.weighing)
+        return other
+
+    def with_inflations(self, inflations: Sequence[float]) -> Likelihood:
+        """The same, of readings of which so many count for one; for each run."""
+        other = copy.copy(self)
+        other.inflations = tuple(inflations)
+        return other
+
+    def correlations(self, residuals: np.ndarray) -> list[float]:
+        """ρ of successive readings of each run by residuals (R,), 0 where their noise is white."""
+        found = []
+        for run, rows, part in zip(self.experiment.runs, self.rows, self.parts(), strict=True):
+            left = np.full(run.readings[rows].shape, np.nan)
+            seen = ~np.isnan(run.readings[rows])
+            left[seen] = residuals[part]
+            bobs = zip(left.T, seen.T, strict=True)
+            found.append(correlation([(run.times[rows][own], bob[own]) for bob, own in bobs]))
+        return found
+
+    def noise_inflations(self, point: np.ndarray) -> list[float]:
+        """How many readings of each run count for one, by what is left at a point."""
+        return [inflation(rho) for rho in self.correlations(self.residuals(point))]
+
+    def parts(self) -> list[slice]:
+        """Where the readings of each run stand among the residuals."""
+        ends = np.cumsum([
+            np.sum(~np.isnan(run.readings[rows])) for run, rows in zip(self.experiment.runs, self.rows, strict=True)
+        ])  # fmt: skip
+        return [slice(int(begin), int(end)) for begin, end in zip([0, *ends[:-1]], ends, strict=True)]
+
+    def start(self) -> np.ndarray:
+        """The point from which to search."""
+        return np.array([u.coordinate(u.start) for u in self.unknowns])
+
+    def values(self, point: np.ndarray) -> dict[str, float]:
+        """Values of the unknowns at a point, by name."""
+        return {u.name: float(u.value(z)) for u, z in zip(self.unknowns, point, strict=True)}
+
+    def cradle(self, values: Mapping[str, float], run: Run | None = None) -> Cradle:
+        """The cradle with these values, at the δ of a run (the first where omitted)."""
+        cradle = self.experiment.cradle_of(run or self.experiment.runs[0])
+        return cradle.with_values({u.name: values[u.name] for u in self.of_model})
+
+    def beginning(self, values: Mapping[str, float], index: int) -> tuple[Release | InitialState, float]:
+        """(how run `index` begins, the time in its file at which the simulation starts [s])."""
+        run, at = self.experiment.runs[index], f"@{index + 1}"
+        if run.state == "release":
+            assert run.release is not None
+            error = values.get("release_angle_error" + at, 0.0)
+            return lifted_further(run.release.release, error), values.get("release_time_error" + at, 0.0)
+        bobs = range(1, self.experiment.cradle.bobs + 1)
+
+        def each(name: str) -> np.ndarray | None:
+            first = f"{name}[1]{at}"
+            return np.array([values[f"{name}[{i}]{at}"] for i in bobs]) if first in values else None
+
+        stretch = each("stretch")
+        cradle = self.cradle(values, run)
+        tension_ratio = each("tension_ratio")
+        r = None if stretch is None else hanging_radius(cradle, tension_ratio) + stretch
+        theta, theta_dot = each("theta"), each("theta_dot")
+        assert theta is not None and theta_dot is not None
+        return InitialState(theta, theta_dot, r, each("r_dot"), tension_ratio), run.fit_from
+
+    def predict(self, point: np.ndarray, index: int, rows: np.ndarray, with_lambda: bool = False):
+        """(readings (T, N) of run `index` at its times[rows], λ [1/s] of the same run or nan)."""
+        values, run = self.values(point), self.experiment.runs[index]
+        cradle = self.cradle(values, run)
+        beginning, zero = self.beginning(values, index)
+        grid = np.arange(int(WINDOW[1] * LAMBDA_RATE) + 1) / LAMBDA_RATE if with_lambda else np.empty(0)
+        readings, theta = self.observed(cradle, beginning, run.times[rows] - zero, values, index, grid)
+        if not with_lambda:
+            return readings, math.nan
+        assert isinstance(beginning, Release)
+        end, theta0 = beginning.lead(cradle)
+        return readings, float(newton_exponent(grid, sigma(grid, theta[:, end], theta0, cradle.period)))
+
+    def motion(self, values: Mapping[str, float], index: int, times: np.ndarray) -> Trajectory:
+        """The cradle with these values in run `index` at times (T,) [s] of its file; at rest before it begins."""
+        cradle = self.cradle(values, self.experiment.runs[index])
+        beginning, zero = self.beginning(values, index)
+        true = np.maximum((times - zero) / self.instrument(cradle, index).clock, 0.0)
+        return simulate(cradle, beginning, times=true, ledger=False, step_factor=STEP_FACTOR)
+
+    def instrument(self, cradle: Cradle, index: int) -> Instrument:
+        """What turned the motion of the cradle into the readings of run `index`."""
+        return Instrument(cradle, self.experiment.runs[index].quantity)
+
+    def observed(
+        self,
+        cradle: Cradle,
+        beginning: Release | InitialState,
+        times: np.ndarray,
+        values: Mapping[str, float],
+        index: int,
+        more: np.ndarray = _NONE,
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """(readings (T, N) as the instrument of run `index` sees this cradle at times (T,) after it begins, θ at more
+        times (M,), (M, N) [rad])."""
+        instrument = self.instrument(cradle, index)
+        wanted = np.maximum(instrument.instants(times), 0.0)
+        together = np.concatenate([wanted, more])
+        order = np.argsort(together, kind="stable")
+        back = np.empty_like(order)
+        back[order] = np.arange(len(order))
+        motion = simulate(cradle, beginning, times=together[order], ledger=False, step_factor=STEP_FACTOR)
+        theta, r = motion.theta[back], motion.r[back]
+        rest = np.array([values.get(f"rest[{i}]@{index + 1}", 0.0) for i in range(1, cradle.bobs + 1)])
+        still = equilibrium(cradle) if instrument.quantity == "x" else None
+        readings = instrument.readings(theta[: len(wanted)], r[: len(wanted)], still) + rest
+        return readings, theta[len(wanted) :]
+
+    def sigma_of(self, values: Mapping[str, float], index: int) -> float:
+        """Standard deviation of the noise of run `index` [rad or m]."""
+        return values.get(f"noise@{index + 1}", self.noise[index])
+
+    @property
+    def lambda_rides_along(self) -> bool:
+        """Whether λ comes with the likelihood: the first run starts from a release, and there is more than one bob."""
+        return self.experiment.runs[0].state == "release" and self.experiment.cradle.bobs > 1
+
+    def log_density(self, point: np.ndarray) -> tuple[float, float]:
+        """(log posterior density up to a constant, λ [1/s]); −inf where the point is impossible."""
+        prior = sum(u.log_prior(z) for u, z in zip(self.unknowns, point, strict=True))
+        if not math.isfinite(prior):
+            return -math.inf, math.nan
+        total, rate = prior, math.nan
+        values = self.values(point)
+        for k, (run, rows) in enumerate(zip(self.experiment.runs, self.rows, strict=True)):
+            if not rows.any():
+                continue
+            try:
+                readings, found = self.predict(point, k, rows, with_lambda=k == 0 and self.lambda_rides_along)
+            except (SimulationError, ValueError):  # an impossible cradle or release is a point of no probability
+                return -math.inf, math.nan
+            rate = found if k == 0 else rate
+            scale = self.sigma_of(values, k)
+            residual = ((run.readings[rows] - readings) / scale)[~np.isnan(run.readings[rows])]
+            volume = len(residual) * math.log(scale)
+            if self.jumps:
+                residual = self.jumps[k].whitened(residual, scale)
+                volume += self.jumps[k].log_volume(scale)
+            total -= (0.5 * float(np.sum(residual**2)) + volume) / self.inflations[k]
+        return (total, rate) if math.isfinite(total) else (-math.inf, math.nan)
+
+    def log_densities(self, points: np.ndarray) -> np.ndarray:
+        """log_density at each of (K, D) points, on all cores; shape (K, 2)."""
+        return np.array(in_threads(self.log_density, list(points), self.workers))
+
+    def residuals(self, point: np.ndarray) -> np.ndarray:
+        """Residuals over `weighing` and jumps, missing readings left out, then those of the normal priors; for least
+        squares. The noise counts as known here, so that its unknown has no residual."""
+        parts = []
+        for k, (run, rows) in enumerate(zip(self.experiment.runs, self.rows, strict=True)):
+            if rows.any():
+                seen = ~np.isnan(run.readings[rows])
+                parts.append(((self.predict(point, k, rows)[0] - run.readings[rows]) / self.weighing[k])[seen])
+        prior = [
+            (u.value(z) - u.mean) / u.sd for u, z in zip(self.unknowns, point, strict=True) if not math.isnan(u.sd)
+        ]
+        return self.whitened(np.concatenate([*parts, np.array(prior)]))
+
+    def whitened(self, residuals: np.ndarray) -> np.ndarray:
+        """Residuals over `weighing`, (R,) or (R, M), over what the readings scatter by as well."""
+        if self.jumps:
+            residuals = residuals.copy()
+            for jumps, part, weight in zip(self.jumps, self.parts(), self.weighing, strict=True):
+                residuals[part] = jumps.whitened(residuals[part], weight)
+        return residuals
+
+
+def hanging_radius(cradle: Cradle, tension_ratio: np.ndarray | None = None) -> np.ndarray:
+    """r of each bob where it hangs alone [m], (N,), on strings of this tension over that of new ones, (N,): worn in,
+    they give way further."""
+    new = equilibrium(cradle.replace(delta=1.0))[1]
+    return new if tension_ratio is None else new + sag(cradle) * (1.0 / tension_ratio - 1.0)
+
+
+def lifted_further(release: Release, error: float) -> Release:
+    """The release with every angle larger in magnitude by `error` [rad]."""
+    if error == 0.0:
+        return release
+    if release.angles is not None:
+        further = {bob: angle + math.copysign(1.0, angle) * error for bob, angle in release.angles.items()}
+        return dataclasses.replace(release, angles=further)
+    assert release.angle is not None
+    return dataclasses.replace(release, angle=release.angle + math.copysign(1.0, release.angle) * error)
+
+
+def rms(values: np.ndarray) -> float:
+    """Root mean square of the finite values; nan if there are none."""
+    finite = values[np.isfinite(values)]
+    return float(np.sqrt(np.mean(finite**2))) if len(finite) else math.nan

@@ -1,0 +1,157 @@
+"""posterior.nc: the samples of a calibration, for ArviZ and for `Posterior.load`."""
+
+from __future__ import annotations
+
+import dataclasses
+import io
+import json
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cradle_env import hdf5_files
+from identification.experiment.experiment import Experiment
+from identification.inference.likelihood import Likelihood
+from identification.inference.posterior import FORMAT, Convergence, Gap, Posterior
+from identification.inference.unknowns import SEARCH
+from identification.storage.files import ExperimentError, write
+from identification.storage.schema import check, parse
+
+_REMEDY = "it is not a posterior of `cradle calibrate`"
+# Between what is sampled and what is written there are an exponential and a logarithm.
+_ROUNDING = 1e-9
+#: λ is the mean of ln(1/σ)/t from 1 s on where σ > 0.001: at most 7 1/s.
+_MOST_LAMBDA = 10.0
+# Walkers move by each other's positions: one ensemble is one chain, its draws step by step.
+_DIMENSIONS = ("chain", "draw")
+
+
+def write_posterior(posterior: Posterior, path: Path) -> Path:
+    """Writes posterior.nc, whole or not at all."""
+    import h5netcdf
+
+    E, S, W, _ = posterior.chain.shape
+    flat = posterior.chain.reshape(E, S * W, -1)
+    with io.BytesIO() as buffer:
+        with h5netcdf.File(buffer, "w") as file:
+            samples, stats = _group(file, "posterior", E, S * W), _group(file, "sample_stats", E, S * W)
+            for k, u in enumerate(posterior.unknowns):
+                variable = samples.create_variable(u.name, _DIMENSIONS, data=u.value(flat[..., k]))
+                variable.attrs["units"] = u.unit
+            if posterior.newton_exponents is not None:
+                samples.create_variable("lambda", _DIMENSIONS, data=posterior.newton_exponents.reshape(E, S * W))
+            stats.create_variable("lp", _DIMENSIONS, data=posterior.log_density.reshape(E, S * W))
+            for name, value in _attributes(posterior, W).items():
+                samples.attrs[name] = value
+        return write(path, buffer.getvalue())
+
+
+def _group(file: Any, name: str, chains: int, draws: int) -> Any:
+    group = file.create_group(name)
+    for dimension, count in zip(_DIMENSIONS, (chains, draws), strict=True):
+        group.dimensions[dimension] = count
+        group.create_variable(dimension, (dimension,), data=np.arange(count))
+    return group
+
+
+def _attributes(posterior: Posterior, walkers: int) -> dict[str, Any]:
+    gap = posterior.gap
+    by_bob = {part: values.tolist() for part, values in gap.rms.items()}
+    return {
+        "format": FORMAT,
+        "walkers": walkers,
+        "seed": posterior.seed,
+        "experiment": json.dumps(posterior.experiment.texts()),
+        "inputs": posterior.experiment.digest,
+        "convergence": json.dumps(dataclasses.asdict(posterior.convergence)),
+        "inflations": list(posterior.likelihood.inflations),
+        "gap": json.dumps([gap.train, gap.held_out, by_bob, gap.allowed]),
+    }
+
+
+def read_posterior(path: Path, workers: int | None = None) -> Posterior:
+    """The posterior in a file; ExperimentError, naming file and field, if it holds none."""
+    try:
+        with hdf5_files.opened(path) as file:
+            samples, stats = hdf5_files.group(file, "posterior"), hdf5_files.group(file, "sample_stats")
+            known = {name: _scalar(value) for name, value in hdf5_files.attributes(samples).items()}
+            check(known, "posterior", f"{path}: posterior", _REMEDY)
+            likelihood = _likelihood(path, known, set(samples), workers)
+            names = [u.name for u in likelihood.unknowns]
+            log_density = hdf5_files.numbers(stats, "lp", (None, None))
+            shape = log_density.shape
+            found = {name: hdf5_files.numbers(samples, name, shape) for name in names}
+            rates = hdf5_files.numbers(samples, "lambda", shape) if "lambda" in samples else None
+    except hdf5_files.UnreadableError as problem:
+        raise ExperimentError(f"{problem}; {_REMEDY}") from None
+    W = known["walkers"]
+    if 0 in shape or shape[1] % W:
+        raise ExperimentError(
+            f"{path}: posterior holds {shape[0]} chains of {shape[1]} draws, which {W} walkers do not make; {_REMEDY}"
+        )
+
+    def shaped(values: np.ndarray) -> np.ndarray:
+        return values.reshape(len(values), -1, W)
+
+    if rates is not None and (np.abs(rates) > _MOST_LAMBDA).any():
+        raise ExperimentError(f"{path}: posterior/lambda holds values beyond {_MOST_LAMBDA:g} 1/s; {_REMEDY}")
+    coordinates = []
+    for u in likelihood.unknowns:
+        values = found[u.name]
+        # Rounding of a logarithm may lead out of the bounds.
+        slack = _ROUNDING * np.maximum(np.abs(values), 1.0 if not u.log else 0.0)
+        if not ((values >= u.low - slack) & (values <= u.high + slack) & np.isfinite(values)).all():
+            raise ExperimentError(f"{path}: posterior/{u.name} holds values that no chain reaches; {_REMEDY}")
+        coordinates.append(shaped(np.log(values) if u.log else values))
+    return Posterior(
+        likelihood,
+        np.stack(coordinates, axis=-1),
+        shaped(log_density),
+        None if rates is None else shaped(rates),
+        _convergence(path, known),
+        _gap(path, known, likelihood.experiment.cradle.bobs),
+        known["seed"],
+    )
+
+
+def _scalar(value: Any) -> Any:
+    """netCDF has no scalar attributes: a list of one number is that number."""
+    return value[0] if isinstance(value, list) and len(value) == 1 else value
+
+
+def _likelihood(path: Path, known: Mapping[str, Any], names: set[str], workers: int | None) -> Likelihood:
+    """That which was sampled: of the experiment in the file, which is written nowhere."""
+    at = f"{path}: posterior.experiment"
+    texts = parse(known["experiment"], "posterior-experiment", at, _REMEDY)
+    try:
+        # What it holds is the experiment as it was rewritten; results go by the files that were calibrated.
+        experiment = Experiment.from_texts(texts).read_from(known["inputs"])
+        likelihood = Likelihood(experiment, workers=workers, parameters=[name for name in SEARCH if name in names])
+    except ValueError as problem:
+        raise ExperimentError(f"{at}: {problem}") from None
+    inflations = np.atleast_1d(known["inflations"]).tolist()
+    if len(inflations) != len(experiment.runs):
+        raise ExperimentError(
+            f"{path}: posterior.inflations has {len(inflations)} values for {len(experiment.runs)} runs; {_REMEDY}"
+        )
+    if not likelihood.unknowns:
+        raise ExperimentError(f"{path}: posterior holds no unknown of its experiment; {_REMEDY}")
+    return likelihood.with_inflations(inflations)
+
+
+def _convergence(path: Path, known: Mapping[str, Any]) -> Convergence:
+    content = parse(known["convergence"], "posterior-convergence", f"{path}: posterior.convergence", _REMEDY)
+    return Convergence(**{**content, "reasons": tuple(content["reasons"])})
+
+
+def _gap(path: Path, known: Mapping[str, Any], bobs: int) -> Gap:
+    at = f"{path}: posterior.gap"
+    train, held_out, by_bob, *allowed = parse(known["gap"], "posterior-gap", at, _REMEDY)
+    for part, values in by_bob.items():
+        if len(values) != 1 + bobs:
+            raise ExperimentError(f"{at}: {part} has {len(values)} values for {bobs} bobs; {_REMEDY}")
+    rms = {part: np.array(values, dtype=float) for part, values in by_bob.items()}
+    return Gap(train, held_out, rms, allowed[0] if allowed else math.nan)

@@ -1,0 +1,243 @@
+"""What is to be inferred: each unknown with its unit, where to start, its prior, and how it is sampled."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from cradle_env.cradle import Cradle
+from cradle_env.effects import Parameter
+from cradle_env.effects.elements import element_of
+from cradle_env.errors import unknown_key
+from identification.experiment.experiment import Experiment
+from identification.experiment.run import Prior, Run
+
+#: Unit, symbol of the fields of Cradle that can be inferred.
+FIELDS = {
+    "k_f": ("N s m^-3/2", "k_f"),
+    "kappa": ("N/m", "κ"),
+    "b": ("kg/s", "b"),
+    "length": ("m", "r_0"),
+    "pivot_half_spacing": ("m", "a"),
+    "mass": ("kg", "m"),
+    "radius": ("m", "R"),
+    "youngs_modulus": ("Pa", "E"),
+    "poisson_ratio": ("1", "ν"),
+    "delta": ("1", "δ"),
+    "gravity": ("m/s^2", "g"),
+    "restitution": ("1", "e"),
+}
+#: Between what values of them there is a cradle, where that is not from 0 on.
+_BOUNDS = {"delta": (-1.0, math.inf), "poisson_ratio": (-1.0, 0.5), "restitution": (0.0, 1.0)}
+#: Without a prior, a positive unknown is uniform in its logarithm, this factor either way of its starting value.
+_FACTOR = {"k_f": 1000.0, "kappa": 10.0, "b": 100.0}
+#: Width of the global search in the logarithm: stated values are good to some tens of percent, b to a factor.
+SEARCH = {"k_f": 0.25, "kappa": 0.15, "b": 0.5}
+#: Tension of strings over that of new ones from which a search begins: they wear in from 1 to 1/2 in seconds to a
+#: minute of swinging, and stay there.
+WORN = 0.6
+
+
+@dataclass(frozen=True)
+class Unknown:
+    """One coordinate of the inference.
+
+    name: a field of Cradle, "effect.parameter", or "quantity[bob]@run" for what belongs to one run; start and low,
+    high in `unit`; mean, sd: a normal prior (nan: none, uniform between low and high); log: sampled as its
+    logarithm, in which a uniform prior is then flat; search: half width of the global search in the sampled
+    coordinate (0: not searched); nuisance: belongs to the measurement rather than to the cradle.
+    """
+
+    name: str
+    unit: str
+    symbol: str
+    start: float
+    low: float = -math.inf
+    high: float = math.inf
+    mean: float = math.nan
+    sd: float = math.nan
+    log: bool = False
+    search: float = 0.0
+    nuisance: bool = False
+
+    def coordinate(self, value: float) -> float:
+        """The sampled coordinate of a value."""
+        return math.log(value) if self.log else value
+
+    def value(self, coordinate):
+        """The value(s) at sampled coordinate(s)."""
+        return np.exp(coordinate) if self.log else coordinate
+
+    def log_prior(self, coordinate: float) -> float:
+        """Log density in the sampled coordinate, up to a constant; −inf outside the bounds."""
+        value = float(self.value(coordinate))
+        if not self.low <= value <= self.high:
+            return -math.inf
+        if math.isnan(self.sd):
+            return 0.0
+        jacobian = coordinate if self.log else 0.0
+        return -0.5 * ((value - self.mean) / self.sd) ** 2 + jacobian
+
+
+def model_unknowns(experiment: Experiment, parameters: Sequence[str] | None = None) -> list[Unknown]:
+    """Unknowns of the cradle: k_f, kappa, b and those with a prior, as far as they matter, and effect parameters.
+
+    parameters: which of the first three to infer; ValueError for one that is not theirs, or cannot matter.
+    """
+    cradle = experiment.cradle
+    for name in parameters or ():
+        if name not in SEARCH:
+            raise ValueError(unknown_key("parameter", name, SEARCH) + "; others go into [infer] with a prior")
+        if not matters(cradle, name):
+            raise ValueError(f"{name} cannot matter in this model and is not inferred; leave it out")
+    names = [name for name in (SEARCH if parameters is None else parameters) if matters(cradle, name)]
+    names += [name for name in experiment.infer if "." not in name and name not in names and matters(cradle, name)]
+    unknowns = [_field_unknown(cradle, name, experiment.infer.get(name)) for name in names]
+    chosen = [*experiment.unknown_effect_parameters]
+    chosen += [name for name in experiment.infer if "." in name and name not in chosen]
+    for name in chosen:
+        prior = experiment.infer.get(name)
+        unknowns += [_effect_unknown(cradle, element, prior) for element in _elements(cradle, name)]
+    return unknowns
+
+
+def matters(cradle: Cradle, name: str) -> bool:
+    """Whether a parameter, α and n of e = 1 − α vⁿ among them, can have any effect on the motion of this cradle."""
+    of_speed = cradle.has("velocity_dependent_restitution")
+    if name in ("kappa", "pivot_half_spacing"):
+        return cradle.has("radial_elasticity")
+    if name in ("alpha", "n"):
+        return cradle.bobs > 1 and of_speed
+    if name in ("k_f", "youngs_modulus", "poisson_ratio"):  # of eq. 1
+        return cradle.bobs > 1 and of_speed and cradle.power_law is None
+    if name == "restitution":
+        return cradle.bobs > 1 and not of_speed
+    return cradle.bobs > 1 or name != "delta"
+
+
+def _field_unknown(cradle: Cradle, name: str, prior: Prior | None) -> Unknown:
+    unit, symbol = FIELDS[name]
+    start = float(np.mean(cradle.delta)) if name == "delta" else float(getattr(cradle, name))
+    if prior is not None:
+        low, high = _BOUNDS.get(name, (0.0, math.inf))
+        return _with_prior(Unknown(name, unit, symbol, start, low, high), prior)
+    factor = _FACTOR[name]
+    start = start or float(getattr(Cradle(), name))  # stated as 0: as good as not stated
+    return Unknown(
+        name, unit, symbol, start, low=start / factor, high=start * factor, log=True, search=SEARCH[name]
+    )  # fmt: skip
+
+
+def element_names(name: str, parameter: Parameter, bobs: int) -> list[str]:
+    """The names by which the values of a parameter "effect.key" are inferred: of several that sum to 0 all but the
+    last."""
+    if not parameter.each:
+        return [name]
+    return [f"{name}[{i + 1}]" for i in range(parameter.count(bobs) - parameter.balanced)]
+
+
+def _elements(cradle: Cradle, name: str) -> list[str]:
+    """What is inferred under a name: itself, or every value of a parameter with one for each bob or gap."""
+    effect_name, key = name.split(".")
+    found = next((p for e in cradle.composition if e.name == effect_name for p in e.parameters if p.key == key), None)
+    return [name] if found is None else element_names(name, found, cradle.bobs)
+
+
+def _effect_unknown(cradle: Cradle, name: str, prior: Prior | None) -> Unknown:
+    effect_name, address = name.split(".")
+    key, element = element_of(address)
+    declared = next(e for e in cradle.composition if e.name == effect_name)
+    p = next(p for p in declared.parameters if p.key == key)
+    start: Any = cradle.effects.get(effect_name, {}).get(key, p.scale)
+    start = start if element is None else start[max(element, 0)]
+    symbol = p.symbol if element is None or element < 0 else f"{p.symbol}_{element + 1}"
+    if p.log:  # where the effect is absent, a search begins at its scale
+        start, search = (start if math.isfinite(start) else p.scale), 1.0
+    else:
+        search = p.scale
+    unknown = Unknown(name, p.unit, symbol, start, low=p.low, high=p.high, log=p.log, search=search)
+    return unknown if prior is None else _with_prior(unknown, prior)
+
+
+def _with_prior(unknown: Unknown, prior: Prior) -> Unknown:
+    """The unknown with a stated prior: sampled as it is, searched over what the prior leaves open."""
+    fields = {**unknown.__dict__, "log": False}
+    if prior.sd is not None and prior.mean is not None:
+        return Unknown(**{**fields, "start": prior.mean, "mean": prior.mean, "sd": prior.sd, "search": 2.0 * prior.sd})
+    assert prior.low is not None and prior.high is not None
+    inside = prior.low < unknown.start < prior.high
+    start = unknown.start if inside else 0.5 * (prior.low + prior.high)
+    width = 0.5 * (prior.high - prior.low)
+    return Unknown(**{**fields, "start": start, "low": prior.low, "high": prior.high, "search": width})
+
+
+def run_unknowns(experiment: Experiment, index: int, noise: float) -> list[Unknown]:
+    """Unknowns of one run: release within its sd, or initial state; rest offsets; noise (`noise`: a first guess)."""
+    cradle, run = experiment.cradle_of(experiment.runs[index]), experiment.runs[index]
+    at = f"@{index + 1}"
+    found: list[Unknown] = []
+
+    def add(name: str, unit: str, symbol: str, start: float, **fields) -> None:
+        found.append(Unknown(name + at, unit, symbol, start, nuisance=True, **fields))
+
+    if run.state == "release":
+        assert run.release is not None
+        if run.release.angle_sd > 0.0:
+            add("release_angle_error", "rad", "Δθ_0", 0.0, mean=0.0, sd=run.release.angle_sd)
+        if run.release.time_sd > 0.0:
+            add("release_time_error", "s", "Δt_0", 0.0, mean=0.0, sd=run.release.time_sd)
+    else:
+        theta, theta_dot = first_motion(cradle, run)
+        for i in range(cradle.bobs):
+            add(f"theta[{i + 1}]", "rad", f"θ_{i + 1}", theta[i], low=-math.pi, high=math.pi)
+            add(f"theta_dot[{i + 1}]", "rad/s", f"θ̇_{i + 1}", theta_dot[i])
+        if cradle.has("radial_elasticity"):
+            # Strings ripple by a part of what the bob's weight stretches them by.
+            ripple = 0.3 * sag(cradle)
+            speed = ripple * math.sqrt(cradle.radial_stiffness / cradle.mass)
+            for i in range(cradle.bobs):
+                add(f"stretch[{i + 1}]", "m", f"Δr_{i + 1}", 0.0, mean=0.0, sd=ripple)
+                add(f"r_dot[{i + 1}]", "m/s", f"ṙ_{i + 1}", 0.0, mean=0.0, sd=speed)
+                if cradle.has("string_hysteresis"):
+                    add(
+                        f"tension_ratio[{i + 1}]",
+                        "1",
+                        f"T_{i + 1}",
+                        WORN,
+                        low=0.3,
+                        high=1.0,
+                        mean=0.65,
+                        sd=0.2,
+                        search=0.3,
+                    )
+    if run.rest == "free":
+        unit, width = ("rad", 0.02) if run.quantity == "theta" else ("m", 0.02 * cradle.length)
+        for i in run.bobs_seen:
+            add(f"rest[{i}]", unit, f"x_{i}", 0.0, mean=0.0, sd=width)
+    if run.noise is None:
+        unit = "rad" if run.quantity == "theta" else "m"
+        add("noise", unit, "σ_n", noise, low=1e-3 * noise, high=1e4 * noise, log=True)
+    return found
+
+
+def sag(cradle: Cradle) -> float:
+    """By how much a bob's weight stretches new strings, along r [m]."""
+    return cradle.mass * cradle.gravity / cradle.radial_stiffness
+
+
+def first_motion(cradle: Cradle, run: Run) -> tuple[np.ndarray, np.ndarray]:
+    """(theta, theta_dot) at fit_from, each (N,): straight lines through the first readings of each bob."""
+    along = run.angles(cradle)
+    theta, theta_dot = np.zeros(cradle.bobs), np.zeros(cradle.bobs)
+    step = 0.03 * cradle.period
+    for i in range(cradle.bobs):
+        seen = ~np.isnan(along[:, i]) & (run.times >= run.fit_from - step)
+        close = seen & (run.times <= run.fit_from + step)
+        close = close if close.sum() >= 3 else np.isin(np.arange(len(seen)), np.flatnonzero(seen)[:3])
+        if close.sum() >= 2:
+            theta_dot[i], theta[i] = np.polyfit(run.times[close] - run.fit_from, along[close, i], 1)
+    return theta, theta_dot

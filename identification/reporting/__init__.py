@@ -1,0 +1,1 @@
+"""Reporting: plots, pages, tables and texts that show results."""

@@ -1,0 +1,36 @@
+"""Reports as one HTML page that opens offline and prints well."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from identification.experiment.experiment import Experiment
+from identification.reporting.wording import minus
+
+
+def page(template: str, work: str, experiment: Experiment, **content: Any) -> str:
+    """The page of a template, headed by what was done ("Calibration") and to which experiment."""
+    path = experiment.path
+    return render(
+        template,
+        title=f"{work} of {'a cradle' if path is None else f'{path.resolve().parent.name}/{path.name}'}",
+        cradle=experiment.cradle,
+        runs=experiment.runs,
+        effects=[effect.name for effect in experiment.cradle.composition],
+        **content,
+    )
+
+
+def _shown(value: Any) -> Any:
+    """Plain numbers, one or several, as they are printed, with a minus."""
+    several = value if isinstance(value, list | tuple) else [value]
+    return minus(str(value)) if several and all(isinstance(one, float) for one in several) else value
+
+
+def render(template: str, **content: Any) -> str:
+    """The page of a template that needs no experiment."""
+    from jinja2 import Environment, PackageLoader, StrictUndefined
+
+    loader = PackageLoader("identification.reporting")
+    environment = Environment(loader=loader, autoescape=True, undefined=StrictUndefined, finalize=_shown)
+    return environment.get_template(template).render(**content)

@@ -1,0 +1,88 @@
+"""What the files that the program reads again must hold: one JSON Schema each, checked where they are read."""
+
+from __future__ import annotations
+
+import functools
+import json
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+from cradle_env.errors import one_line
+from identification.storage.files import ExperimentError, read_text
+
+#: Remedy for a file of ours that is not as we wrote it.
+_REMEDY = "it is not as this program wrote it"
+
+
+def check(content: Any, name: str, where: str | Path, remedy: str = _REMEDY) -> None:
+    """ExperimentError, naming `where` and the field, unless `content` is as the schema of that name wants it."""
+    from jsonschema.exceptions import best_match
+
+    problem = best_match(_validator(name).iter_errors(content))
+    if problem is None:
+        return
+    field = problem.json_path.removeprefix("$").lstrip(".")
+    raise ExperimentError(f"{where}: {_words(field, problem)}; {remedy}")
+
+
+def read_json(path: Path, name: str, remedy: str = _REMEDY) -> Any:
+    """The content of a JSON file; ExperimentError, naming file and field, if it is not as its schema wants it."""
+    text, _ = read_text(path)
+    try:
+        content = json.loads(text)
+    except (ValueError, RecursionError) as problem:
+        reason = "nested too deep" if isinstance(problem, RecursionError) else str(problem)[:200]
+        raise ExperimentError(f"{path}: not valid JSON: {reason}; {remedy}") from None
+    check(content, name, path, remedy)
+    return content
+
+
+def parse(text: str, name: str, where: str, remedy: str = _REMEDY) -> Any:
+    """Likewise of JSON that stands within a file."""
+    try:
+        content = json.loads(text)
+    except (ValueError, RecursionError):
+        raise ExperimentError(f"{where}: not valid JSON; {remedy}") from None
+    check(content, name, where, remedy)
+    return content
+
+
+def _words(field: str, problem: Any) -> str:
+    """What is wrong with a field, in words."""
+    at, rule, wanted = field or "the content", problem.validator, problem.validator_value
+    if rule == "required":
+        missing = next(key for key in wanted if key not in problem.instance)
+        return f"{f'{field}.' if field else ''}{missing} is missing"
+    if rule == "additionalProperties":
+        return f"{at} has a key that is not known"
+    if rule == "type":
+        kinds = [wanted] if isinstance(wanted, str) else wanted
+        return f"{at} is {one_line(problem.instance)}; expected {' or '.join(_KINDS[kind] for kind in kinds)}"
+    if rule == "const":
+        return f"{at} is {one_line(problem.instance)}; expected {one_line(wanted)}"
+    if rule == "enum":
+        return f"{at} is {one_line(problem.instance)}; expected one of {', '.join(map(one_line, wanted))}"
+    expected = problem.schema.get("description", f"{rule} {wanted}")
+    return f"{at} is {one_line(problem.instance)}; expected {expected}"
+
+
+_KINDS = {
+    "object": "a table of keys and values",
+    "array": "a list",
+    "string": "a text",
+    "number": "a number",
+    "integer": "a whole number",
+    "boolean": "true or false",
+    "null": "null",
+}
+
+
+@functools.cache
+def _validator(name: str) -> Any:
+    from jsonschema import Draft202012Validator
+
+    text = (
+        resources.files("identification.storage").joinpath("schemas", f"{name}.schema.json").read_text(encoding="utf-8")
+    )
+    return Draft202012Validator(json.loads(text))
