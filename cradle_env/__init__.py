@@ -20,14 +20,14 @@ _PUBLIC = {
     "Release": "cradle",
     "SimulationError": "simulation",
     "Trajectory": "trajectory",
-    "contact_times": "collisions",
+    "contact_times": "constitutive",
     "newton_exponent": "synchronization",
     "register": "effects",
-    "restitution_curve": "collisions",
+    "restitution_curve": "constitutive",
     "sigma": "synchronization",
     "simulate": "simulation",
     "simulate_batch": "simulation",
-    "string_tension": "strings",
+    "string_tension": "constitutive",
 }
 
 __all__ = [*_PUBLIC]

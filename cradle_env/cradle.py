@@ -15,6 +15,8 @@ import numpy as np
 from cradle_env.effects import Effect, compose, effect
 from cradle_env.effects.elements import balanced, with_value
 from cradle_env.errors import check_range, one_line
+from cradle_env.impact_law import fit_power_law
+from cradle_env.mechanics import layout
 
 #: β of the standard set: what κ is taken from where it is not given.
 STANDARD_BETA = 0.114
@@ -229,9 +231,26 @@ class Cradle:
             return 1.0 - self.restitution, 0.0
         if self.power_law is not None:
             return self.power_law
-        from cradle_env.collisions import fit_power_law
+        if self.k_f == 0.0:
+            return 0.0, 0.0
+        return fit_power_law(*self.contact_records(), *POWER_LAW_SPEEDS)
 
-        return fit_power_law(self, *POWER_LAW_SPEEDS)
+    def write_law(self, record: np.ndarray) -> None:
+        """Writes the law of this cradle's impacts into the record that the kernels read, (1,) of CRADLE."""
+        record["k_el"], record["k_f"], record["restitution"] = self.k_el, self.k_f, self.restitution
+        record["alpha"], record["exponent"] = self.power_law or (0.0, 0.0)
+        record["law"] = layout.KUWABARA_KONO if self.power_law is None else layout.POWER_LAW
+        if not self.has("velocity_dependent_restitution"):
+            record["law"] = layout.CONSTANT
+
+    def contact_records(self) -> tuple[np.ndarray, float]:
+        """What decides a pair impact: the record (1,) of CRADLE, its contact part filled, and a bob's inertia [kg]."""
+        record, bobs = np.zeros(1, layout.CRADLE), np.zeros(self.bobs, layout.BOB)
+        self.write_law(record)
+        for e in self.composition:
+            if e.acts_on in ("bob", "contact") and e.apply is not None:
+                e.apply(record, bobs, self.effects.get(e.name, {}))
+        return record, self.mass + float(bobs["added_mass"][0])
 
     @property
     def period(self) -> float:

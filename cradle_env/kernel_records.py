@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from cradle_env.collisions import write_law
 from cradle_env.cradle import Cradle
 from cradle_env.effects import Effect
 from cradle_env.effects.learned_force import has_dry_friction, learned_force
@@ -12,7 +11,7 @@ from cradle_env.mechanics import layout as p
 from cradle_env.mechanics.forces import FRICTION_SMOOTHING
 
 # Integration step as a fraction of 1/ω of the faster motion: 1e-10 rad over 10 s on elastic strings, see
-# tests/test_accuracy.py; on rigid ones it is the interpolation of the samples that sets it.
+# tests/integration/test_accuracy.py; on rigid ones it is the interpolation of the samples that sets it.
 _RADIAL_STEP, _ANGULAR_STEP = 0.45, 0.2
 # Dry friction changes sign within a hundredth of a period.
 _FRICTION_STEP = 0.05
@@ -26,7 +25,7 @@ def records(cradle: Cradle, step_factor: float = 1.0) -> tuple[np.ndarray, np.nd
     """The records of a cradle that the kernels read: (1,) of CRADLE and (N,) of BOB."""
     c, bobs = np.zeros(1, p.CRADLE), np.zeros(cradle.bobs, p.BOB)
     c["gravity"], c["radius"] = cradle.gravity, cradle.radius
-    write_law(c, cradle)
+    cradle.write_law(c)
     bobs["mass"], bobs["length"], bobs["half_spacing"] = cradle.mass, cradle.length, cradle.pivot_half_spacing
     bobs["kappa"], bobs["b"], bobs["pivot"] = cradle.kappa, cradle.b, cradle.pivots
     forces = []

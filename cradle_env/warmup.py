@@ -8,10 +8,9 @@ from concurrent.futures import ProcessPoolExecutor
 import gymnasium
 import numpy as np
 
-from cradle_env.collisions import restitution_curve
+from cradle_env.constitutive import restitution_curve, string_tension
 from cradle_env.cradle import Cradle, InitialState, Release
 from cradle_env.simulation import raised, simulate
-from cradle_env.strings import string_tension
 
 
 def warm_up() -> None:

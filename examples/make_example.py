@@ -48,7 +48,7 @@ noise = {noise}
 def make(folder: Path, duration: float = 45.0) -> None:
     """Writes experiment.toml and run1.csv, of `duration` seconds."""
     sys.path.insert(0, str(ROOT))
-    from tests.independent.soft_contact import SoftCradle, simulate_soft
+    from tests.reference.soft_contact import SoftCradle, simulate_soft
 
     times = np.arange(round(60 * duration) + 1) / 60.0
     cradle = SoftCradle(2, **TRUE, stiffness_factor=1e6)

@@ -11,8 +11,8 @@ from identification.experiment.run import ReleaseInfo, Run
 from identification.inference.fit_result import Fitted, with_known_noise
 from identification.inference.likelihood import Likelihood
 from identification.inference.posterior import Convergence, Gap, Posterior
-from tests.independent.laboratory import Recording
-from tests.study import SINGLES, Apparatus, Case, Settings
+from studies.diagnosis.study import SINGLES, Apparatus, Case, Settings
+from tests.reference.laboratory import Recording
 
 #: Relative width of the made-up posterior, by unknown.
 WIDTHS = {"k_f": 1.5e-3, "kappa": 2e-4, "b": 3e-3}

@@ -24,7 +24,8 @@ from identification.sweep.engine import sweep
 from identification.sweep.grid import Grid, describe
 from identification.sweep.picture import sweep_figure
 from identification.sweep.quantities import QUANTITIES
-from identification.sweep.store import FORMAT, Swept
+from identification.sweep.store import FORMAT
+from identification.sweep.swept import Swept
 from identification.sweep.tables import check_table
 
 #: A slip of the pen rather than an axis.

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import matplotlib.figure
 import numpy as np
 
-from cradle_env.collisions import contact_times
+from cradle_env.constitutive import contact_times
 from cradle_env.cradle import Cradle
 from cradle_env.simulation import simulate
 from cradle_env.trajectory import Trajectory

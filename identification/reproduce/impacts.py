@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import matplotlib.figure
 import numpy as np
 
-from cradle_env.collisions import contact_times, restitution_curve
+from cradle_env.constitutive import contact_times, restitution_curve
 from cradle_env.cradle import POWER_LAW_SPEEDS, Cradle, InitialState, Release
 from cradle_env.simulation import simulate
 from identification.reporting.plot_style import BLACK, BLUE, GREEN, ORANGE, RED, quiet_grid

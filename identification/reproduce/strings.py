@@ -8,9 +8,9 @@ from collections.abc import Sequence
 import matplotlib.figure
 import numpy as np
 
+from cradle_env.constitutive import string_tension
 from cradle_env.cradle import Cradle, Release
 from cradle_env.simulation import simulate
-from cradle_env.strings import string_tension
 from identification.reporting.plot_style import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, RED, quiet_grid
 from identification.reproduce.figure import ANGLE, BEYOND, Claim, Figure, Study, Table, Tables
 

@@ -8,6 +8,6 @@ swept["lambda"], swept.failures()
 from identification.sweep.engine import sweep
 from identification.sweep.grid import Axis, Grid
 from identification.sweep.quantities import QUANTITIES, Quantity
-from identification.sweep.store import Swept
+from identification.sweep.swept import Swept
 
 __all__ = ["QUANTITIES", "Axis", "Grid", "Quantity", "Swept", "sweep"]

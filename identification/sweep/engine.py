@@ -20,7 +20,8 @@ from cradle_env.simulation import InterruptedRun, SimulationError, Threads, simu
 from identification.storage.files import holds_out
 from identification.sweep.grid import Grid, built
 from identification.sweep.quantities import Quantity, chosen
-from identification.sweep.store import DONE, Plan, Store, Swept, row_type
+from identification.sweep.store import DONE, Plan, Store, row_type
+from identification.sweep.swept import Swept
 
 if TYPE_CHECKING:
     from identification.inference.mode_search import Progress

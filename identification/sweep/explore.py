@@ -19,7 +19,7 @@ from identification.reporting.wording import markup, unit_markup
 from identification.sweep.engine import sweep
 from identification.sweep.grid import Grid
 from identification.sweep.quantities import Quantity
-from identification.sweep.store import Swept
+from identification.sweep.swept import Swept
 
 if TYPE_CHECKING:
     from identification.inference.mode_search import Progress

@@ -12,7 +12,7 @@ from identification.reporting.plot_style import bob_styles, quiet_grid, styled
 from identification.reporting.wording import mathtext, unit_mathtext
 from identification.sweep.grid import Axis, Grid
 from identification.sweep.quantities import Quantity
-from identification.sweep.store import Swept
+from identification.sweep.swept import Swept
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 import os
 import re
-from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -145,47 +144,18 @@ class Store:
 
     def _reason(self, index: int, problem: str) -> int:
         """The number of a kind of reason, whatever the values that it names; the first point is kept as its example."""
-        kinds = [_kind(reason) for _, reason in self.reasons]
-        if _kind(problem) not in kinds:
+        kinds = [kind(reason) for _, reason in self.reasons]
+        if kind(problem) not in kinds:
             self.reasons.append((index, problem))
             self._write_plan()
             return len(kinds)
-        number = kinds.index(_kind(problem))
+        number = kinds.index(kind(problem))
         if index < self.reasons[number][0]:
             self.reasons[number] = (index, problem)
             self._write_plan()
         return number
 
 
-def _kind(problem: str) -> str:
+def kind(problem: str) -> str:
+    """What a reason says, its numbers left out."""
     return _NUMBER.sub("…", problem)
-
-
-class Swept:
-    """A finished sweep. swept[name]: a quantity in the shape of the grid, for a series (…, T); nan where impossible."""
-
-    def __init__(self, plan: Plan, rows: np.ndarray, reasons: Sequence[tuple[int, str]]) -> None:
-        self.plan, self.rows, self.reasons = plan, rows, tuple(reasons)
-
-    def __getitem__(self, name: str) -> np.ndarray:
-        column = self.rows[name]
-        return np.array(column).reshape(self.plan.grid.shape + column.shape[1:])
-
-    def problems(self, start: int, stop: int) -> list[str]:
-        """What is wrong with each of the points from one flat index to another, numbers left out; "" if nothing is."""
-        kinds = ["", "", *(_kind(reason) for _, reason in self.reasons)]
-        return [kinds[status] for status in self.rows[start:stop]["status"]]
-
-    def failures(self) -> dict[str, int]:
-        """How many points are impossible, by reason; each reason is told as it is at the first of them."""
-        counts: Counter[int] = Counter()
-        for start in range(0, len(self.rows), BLOCK):
-            counts.update(self.rows[start : start + BLOCK]["status"].tolist())
-        numbered = sorted((at, reason, IMPOSSIBLE + k) for k, (at, reason) in enumerate(self.reasons))
-        return {reason: counts[status] for _, reason, status in numbered if counts[status]}
-
-    def save(self, path: str | Path) -> Path:
-        """Writes a table, by its ending: .csv, .parquet (needs pyarrow) or .nc (netCDF, in the shape of the grid)."""
-        from identification.sweep.tables import write_table
-
-        return write_table(self, Path(path))

@@ -6,16 +6,27 @@ import csv
 import math
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
 from identification.reporting.wording import unit_plain
 from identification.storage.files import replacing
 from identification.sweep.grid import Grid, describe
-from identification.sweep.store import BLOCK, Swept
+from identification.sweep.store import BLOCK, Plan
 
 ENDINGS = (".csv", ".parquet", ".nc")
+
+
+class Rows(Protocol):
+    """What a table is made of: a sweep's plan, its rows (N,), and what is wrong with some of them."""
+
+    plan: Plan
+    rows: np.ndarray
+
+    def problems(self, start: int, stop: int) -> list[str]:
+        """Of each row from start to stop; "" if nothing is."""
+        ...
 
 
 def check_table(path: Path) -> None:
@@ -31,7 +42,7 @@ def check_table(path: Path) -> None:
             ) from None
 
 
-def write_table(swept: Swept, path: Path) -> Path:
+def write_table(swept: Rows, path: Path) -> Path:
     """Writes the table that the ending names, whole or not at all.
 
     CSV and Parquet have one row per point, in the order of the grid: the parameters, the quantities (a series in a
@@ -48,7 +59,7 @@ def _label(name: str, unit: str) -> str:
     return f"{name} [{unit_plain(unit)}]" if unit_plain(unit) else name
 
 
-def _write_csv(swept: Swept, path: Path) -> None:
+def _write_csv(swept: Rows, path: Path) -> None:
     """Numbers stand in the fewest digits that read back to the very same; nan is an empty field."""
     header = [_label(name, describe(name)[0]) for name in swept.plan.grid.names]
     for q in swept.plan.quantities:
@@ -65,7 +76,7 @@ def _write_csv(swept: Swept, path: Path) -> None:
                 writer.writerow(["" if x != x else repr(x).removesuffix(".0") for x in row] + [problem])
 
 
-def _write_parquet(swept: Swept, path: Path) -> None:
+def _write_parquet(swept: Rows, path: Path) -> None:
     import pyarrow  # pyright: ignore[reportMissingImports]
     import pyarrow.parquet as parquet  # pyright: ignore[reportMissingImports]
 
@@ -92,7 +103,7 @@ def _write_parquet(swept: Swept, path: Path) -> None:
             writer.write_table(pyarrow.Table.from_arrays([pyarrow.array(c) for c in columns], schema=schema))
 
 
-def _write_netcdf(swept: Swept, path: Path) -> None:
+def _write_netcdf(swept: Rows, path: Path) -> None:
     import h5netcdf
     import h5py
 

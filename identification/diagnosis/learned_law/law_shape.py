@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from scipy.integrate import trapezoid
 
-from cradle_env.collisions import restitution_curve
+from cradle_env.constitutive import restitution_curve
 from cradle_env.effects import effect
 from cradle_env.effects.learned_force import IN_TIME, SCALES, force, learned_force
 from cradle_env.effects.learned_force import TERMS as OF_FORCE
