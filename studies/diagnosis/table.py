@@ -57,8 +57,8 @@ HEAD = f"""# How often a diagnosis is right
 
 Made by `python -m studies.diagnosis.study DIR` and `python -m studies.diagnosis.table DIR`, of docs/study.jsonl,
 which keeps every case: experiments of 45 s, one run each, one bob lifted, written by the soft-contact reference, with
-one thing hidden, two, none, or a force that is in no catalogue. Δχ² is what the best wrong model leaves of noiseless data over the right one.
-In brackets 95 % intervals.
+one thing hidden, two, none, or a force that is in no catalogue. Δχ² is what the best wrong model leaves of
+noiseless data over the right one. In brackets 95 % intervals.
 
 **Held out** are rounds {HELD_OUT} to {ROUNDS - 1}: each case is judged once, by a procedure that was not tuned to it;
 what a miss led to judges later rounds alone. Those before {EARLIER} were judged while the procedure was mended. Of
@@ -91,8 +91,8 @@ file then says.
 FILMED_AGAIN = """A verdict may be right because its noise helped. So held-out cases of N ≤ 3 with effects of the
 catalogue, made by their formulas, {several}, were filmed {again} times more, each with other noise and another slip of
 the release, and the right model refitted from the truth (`python -m studies.diagnosis.errors`): the same of those,
-chosen by no verdict. Frames, attraction and drag near neighbours were done again when intervals came to hold other shapes: 311
-of the values of N = 2 lay within before.
+chosen by no verdict. Frames, attraction and drag near neighbours were done again when intervals came to hold other
+shapes: 311 of the values of N = 2 lay within before.
 """
 
 
