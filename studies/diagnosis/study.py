@@ -30,8 +30,8 @@ from tests.reference.soft_contact import SoftCradle
 
 #: Contacts this much stiffer are as good as instantaneous; see tests/integration/test_reference.py. Bobs of unequal
 #: length or mass hang at unequal heights, 1e-11 to 1e-7 m apart, and whether they are struck as one hangs on how far a
-#: blow presses them: by 0.3 mrad from one stiffness to another, and by 2 to 5 mrad to impacts that take no time at
-#: all. Of three such bobs and more, contacts are as stiff as real ones, and the model states that they last (0.003 mrad).
+#: blow presses them: by 0.3 mrad from one stiffness to another, and by 2 to 5 mrad to impacts that take no time at all.
+#: Of three such bobs and more, contacts are as stiff as real ones, and the model states that they last (0.003 mrad).
 STIFFENED = 1e6
 _UNEVEN = frozenset({"length_mismatch", "mass_mismatch"})
 _LASTING = "contact_duration"
