@@ -1,4 +1,4 @@
-"""A cradle and how it is let go: frozen, validated, in SI units or in the paper's dimensionless groups."""
+"""A cradle: frozen, validated, in SI units or in the paper's dimensionless groups."""
 
 from __future__ import annotations
 
@@ -17,6 +17,7 @@ from cradle_env.effects.elements import balanced, with_value
 from cradle_env.errors import check_range, one_line
 from cradle_env.impact_law import fit_power_law
 from cradle_env.mechanics import layout
+from cradle_env.pickling import reduce_to_fields
 
 #: β of the standard set: what κ is taken from where it is not given.
 STANDARD_BETA = 0.114
@@ -35,20 +36,6 @@ _LONGEST_ROW = 1e5
 _MOST_DAMPED = 30.0
 #: Moduli [Pa] from that of a foam to a million times that of diamond.
 _MODULI = (1.0, 1e18)
-
-
-def _plain(value):
-    """A frozen dataclass or mapping as plain dictionaries, which travel between processes."""
-    if isinstance(value, Mapping):
-        return {key: _plain(item) for key, item in value.items()}
-    if dataclasses.is_dataclass(value):
-        return {f.name: _plain(getattr(value, f.name)) for f in dataclasses.fields(value)}
-    return value
-
-
-def rebuilt(kind: type, fields: dict):
-    """An object from its fields, as pickle makes it again."""
-    return kind(**fields)
 
 
 @dataclass(frozen=True, eq=True)
@@ -164,7 +151,7 @@ class Cradle:
         return cls(**fields).replace(beta=beta)
 
     def __reduce__(self):
-        return rebuilt, (type(self), _plain(self))
+        return reduce_to_fields(self)
 
     def replace(self, *, beta: float | None = None, **fields) -> Cradle:
         """A copy with some fields changed; β, where given, sets κ of the masses and lengths that it then has."""
@@ -280,113 +267,3 @@ class Cradle:
 CRADLE_NUMBERS = tuple(
     f.name for f in dataclasses.fields(Cradle) if f.name not in ("bobs", "delta", "model", "effects", "power_law")
 )
-
-
-@dataclass(frozen=True)
-class Release:
-    """Bobs lifted and let go at rest at t = 0.
-
-    angle [rad] for the `bobs` bobs nearest the end with the highest number, or `angles` {bob: angle} for any;
-    start: "unstretched" (r = r0, the paper) or "hanging" (at their hanging length). Lifted neighbours that would
-    overlap by less than a quarter of their radius, and what δ < 0 takes, are spread until they touch.
-    """
-
-    angle: float | None = None
-    bobs: int = 1
-    angles: Mapping[int, float] | None = None
-    start: str = "unstretched"
-
-    def __post_init__(self) -> None:
-        if (self.angle is None) == (self.angles is None):
-            raise ValueError("a release needs either angle (with bobs) or angles {bob: angle}")
-        if self.start not in ("unstretched", "hanging"):
-            raise ValueError(f"start is {one_line(self.start)}; it must be 'unstretched' or 'hanging'")
-        if self.angle is not None:
-            object.__setattr__(self, "angle", check_range("release angle", self.angle, "rad", -math.pi, math.pi))
-            bobs = check_range("release bobs", self.bobs, "", 1, 200)
-            if bobs != int(bobs):
-                raise ValueError(f"release bobs is {one_line(self.bobs)}; it must be a whole number, at least 1")
-            object.__setattr__(self, "bobs", int(bobs))
-        else:
-            if self.bobs != 1:
-                raise ValueError(f"release bobs is {one_line(self.bobs)}; angles names the bobs, so leave it out")
-            if not isinstance(self.angles, Mapping) or not self.angles:
-                raise ValueError(f"angles is {one_line(self.angles)}; give {{bob: angle}} for at least one bob")
-            angles = {}
-            for i, angle in self.angles.items():
-                bob = check_range("release bob", i, "")
-                if bob != int(bob):
-                    raise ValueError(f"release bob is {one_line(i)}; it must be a whole number")
-                angles[int(bob)] = check_range(f"release angle of bob {i}", angle, "rad", -math.pi, math.pi)
-            object.__setattr__(self, "angles", MappingProxyType(angles))
-
-    def __reduce__(self):
-        return rebuilt, (type(self), _plain(self))
-
-    def angles_of(self, cradle: Cradle) -> np.ndarray:
-        """Release angle of each bob [rad], nan for those that hang; shape (N,)."""
-        angles = np.full(cradle.bobs, np.nan)
-        if self.angles is None:
-            if self.bobs > cradle.bobs:
-                raise ValueError(f"release lifts {self.bobs} bobs; the cradle has {cradle.bobs}")
-            angles[cradle.bobs - self.bobs :] = self.angle
-        else:
-            for bob, angle in self.angles.items():
-                if not 1 <= bob <= cradle.bobs:
-                    raise ValueError(f"release names bob {bob}; the cradle has bobs 1 to {cradle.bobs}")
-                angles[bob - 1] = angle
-        steepest = np.nanmax(np.abs(angles))
-        if cradle.has("radial_elasticity") and steepest > 1.5:
-            raise ValueError(
-                f"release angle is {steepest:g} rad; on strings it must be at most 1.5 rad"
-                " (beyond, the strings go slack); use model 'pendulum' for rigid rods"
-            )
-        return angles
-
-    def lead(self, cradle: Cradle) -> tuple[int, float]:
-        """(index of the lifted end bob, its release angle [rad]): θ_n and θ0 of σ."""
-        angles = self.angles_of(cradle)
-        lifted = np.flatnonzero(~np.isnan(angles) & (angles != 0.0))
-        if len(lifted) == 0:
-            return cradle.bobs - 1, 0.0
-        end = int(lifted[-1] if np.isfinite(angles[-1]) or not np.isfinite(angles[0]) else lifted[0])
-        return end, float(abs(angles[end]))
-
-    def lifted_to(self, angle: float, cradle: Cradle) -> Release:
-        """The same bobs at other angles: the lead angle as asked [rad], the rest of `angles` in proportion."""
-        if self.angles is None:
-            return dataclasses.replace(self, angle=angle)
-        lead = self.lead(cradle)[1]
-        if lead == 0.0:
-            raise ValueError("release angles are all 0 rad; no other angle is in proportion to them, so state all anew")
-        return dataclasses.replace(self, angles={bob: own / lead * angle for bob, own in self.angles.items()})
-
-    def check_synchronizes(self, cradle: Cradle) -> None:
-        """ValueError where bobs let go like this have nothing to synchronize with: σ and λ would mean nothing."""
-        angles, bobs = np.nan_to_num(self.angles_of(cradle)), cradle.bobs
-        if bobs == 1:
-            raise ValueError("one bob has nothing to synchronize with; take 2 bobs or more")
-        if not angles.any():
-            raise ValueError("release angle is 0 rad; σ and λ are relative to it, so lift a bob")
-        if np.ptp(angles) == 0.0:
-            raise ValueError(f"all {bobs} bobs are lifted alike and have nothing to synchronize with; lift fewer")
-
-    def gamma(self, cradle: Cradle) -> float:
-        """γ = θ0²/6."""
-        return self.lead(cradle)[1] ** 2 / 6.0
-
-
-@dataclass(frozen=True)
-class InitialState:
-    """Any state from which a run can begin, at t = 0: arrays of shape (N,), SI.
-
-    theta, theta_dot; r, r_dot (None: hanging length, 0); tension_ratio: string tension over that of the virgin
-    loading line at the same stretch (None: 1), which is the memory that a stretched string carries. Bobs that overlap
-    a little are spread as those of a `Release`.
-    """
-
-    theta: np.ndarray
-    theta_dot: np.ndarray
-    r: np.ndarray | None = None
-    r_dot: np.ndarray | None = None
-    tension_ratio: np.ndarray | None = None

@@ -11,9 +11,10 @@ from pathlib import Path
 import numpy as np
 from gymnasium.error import DependencyNotInstalled
 
-from cradle_env.cradle import Cradle, InitialState
+from cradle_env.cradle import Cradle
 from cradle_env.errors import check_range
 from cradle_env.kernel_records import records
+from cradle_env.release import InitialState
 from cradle_env.synchronization import FLOOR, newton_exponent
 from cradle_env.trajectory import Trajectory
 

@@ -6,8 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cradle_env.cradle import Cradle, InitialState, Release
+from cradle_env.cradle import Cradle
 from cradle_env.kernel_records import records
+from cradle_env.release import InitialState, Release
 from cradle_env.synchronization import WINDOW, newton_exponent, sigma
 
 #: One row per pair of an impact: time [s], pair (i: bobs i and i + 1), approach speed [m/s], energy taken [J]; what

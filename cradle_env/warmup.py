@@ -9,7 +9,8 @@ import gymnasium
 import numpy as np
 
 from cradle_env.constitutive import restitution_curve, string_tension
-from cradle_env.cradle import Cradle, InitialState, Release
+from cradle_env.cradle import Cradle
+from cradle_env.release import InitialState, Release
 from cradle_env.simulation import raised, simulate
 
 

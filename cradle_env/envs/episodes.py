@@ -17,13 +17,7 @@ from cradle_env.errors import check_range
 from cradle_env.kernel_records import records
 from cradle_env.mechanics import control_interval, event_loop, restitution
 from cradle_env.mechanics import layout as p
-from cradle_env.simulation import (
-    EXHAUSTED,
-    SimulationError,
-    check_cost,
-    check_rest,
-    impact_rows,
-)
+from cradle_env.simulation import EXHAUSTED, SimulationError, check_cost, check_rest, impact_rows
 from cradle_env.synchronization import ENVELOPE_PERIODS, FLOOR, WINDOW
 
 #: How many arrays `Episodes.arrays` are.

@@ -10,10 +10,11 @@ import numpy as np
 from gymnasium import error
 from gymnasium.spaces import Box
 
-from cradle_env.cradle import Cradle, Release
+from cradle_env.cradle import Cradle
 from cradle_env.envs.settings import Settings
 from cradle_env.envs.spaces import action_space, rounded
 from cradle_env.errors import one_line
+from cradle_env.release import Release
 from cradle_env.simulation import raised, sample_times, simulate
 from cradle_env.synchronization import check_duration, half_window
 

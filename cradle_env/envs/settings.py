@@ -14,10 +14,12 @@ from typing import Any
 import numpy as np
 from gymnasium.error import InvalidAction
 
-from cradle_env.cradle import CRADLE_NUMBERS, Cradle, Release, rebuilt
+from cradle_env.cradle import CRADLE_NUMBERS, Cradle
 from cradle_env.effects import MODELS
 from cradle_env.errors import check_range, one_line, unknown_key
 from cradle_env.model_files import read_model, read_posterior
+from cradle_env.pickling import rebuild
+from cradle_env.release import Release
 
 #: What an action can set.
 ACTIONS = ("delta", "release_angle")
@@ -139,7 +141,7 @@ class Settings:
 
     def __reduce__(self):
         fields = {f.name: getattr(self, f.name) for f in dataclasses.fields(self)}
-        return rebuilt, (
+        return rebuild, (
             type(self),
             {**fields, "effects": dict(self.effects), "cradle": dict(self.cradle)},
         )

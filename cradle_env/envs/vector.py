@@ -19,7 +19,7 @@ from cradle_env.envs.spaces import action_space, observation_space
 from cradle_env.envs.view import View
 from cradle_env.errors import one_line
 from cradle_env.mechanics.control_interval import OVER, REWARD, SYNCHRONIZED
-from cradle_env.simulation import cores
+from cradle_env.threads import cores
 from cradle_env.trajectory import IMPACT
 
 

@@ -9,7 +9,7 @@ from typing import Any
 import gymnasium as gym
 
 import cradle_env  # noqa: F401  registers the environments
-from cradle_env.simulation import cores
+from cradle_env.threads import cores
 
 #: Gymnasium's classics, and ours, each with its default wrappers.
 _SINGLE: dict[str, tuple[str, dict[str, Any]]] = {

@@ -22,8 +22,9 @@ from typing import Any
 import numpy as np
 
 from cradle_env import __version__
-from cradle_env.cradle import Cradle, Release
+from cradle_env.cradle import Cradle
 from cradle_env.errors import check_range
+from cradle_env.release import Release
 from cradle_env.simulation import simulate
 from identification.bench import environment, scipy_peer
 from identification.reporting.terminal import Progress, print_table

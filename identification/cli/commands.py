@@ -13,10 +13,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cradle_env import simulation
-from cradle_env.cradle import STANDARD_BETA, Cradle, Release
+from cradle_env.cradle import STANDARD_BETA, Cradle
 from cradle_env.effects import effect
 from cradle_env.errors import one_line, unknown_key
 from cradle_env.model_files import read_model
+from cradle_env.release import Release
 from identification.experiment.experiment import Experiment
 from identification.experiment.experiment_file import FILE_NAME
 from identification.experiment.run import ReleaseInfo, Run, checked_noise

@@ -12,7 +12,8 @@ from typing import Any
 import numpy as np
 
 from cradle_env import __version__
-from cradle_env.cradle import Cradle, Release
+from cradle_env.cradle import Cradle
+from cradle_env.release import Release
 from identification.inference.unknowns import matters
 from identification.reporting.plot_style import png
 from identification.reporting.result_files import cradle_values, release_values

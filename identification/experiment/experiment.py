@@ -12,7 +12,8 @@ from types import MappingProxyType
 
 import numpy as np
 
-from cradle_env.cradle import Cradle, Release
+from cradle_env.cradle import Cradle
+from cradle_env.release import Release
 from identification.experiment.csv_file import csv_text, parse_recording, read_recording
 from identification.experiment.experiment_file import FILE_NAME, experiment_text, read_experiment
 from identification.experiment.recording import Recording

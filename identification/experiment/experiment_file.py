@@ -9,8 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from cradle_env.cradle import Cradle, Release
+from cradle_env.cradle import Cradle
 from cradle_env.effects import MODELS, effect
+from cradle_env.release import Release
 from identification.experiment.recording import Recording
 from identification.experiment.run import Prior, ReleaseInfo, Run, check_prior, checked_noise, checked_run
 from identification.storage.files import ExperimentError

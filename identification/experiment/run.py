@@ -8,9 +8,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cradle_env.cradle import Cradle, Release
+from cradle_env.cradle import Cradle
 from cradle_env.effects import CATALOGUE
 from cradle_env.errors import check_range, one_line, unknown_key
+from cradle_env.release import Release
 from cradle_env.simulation import check_cost, prepare, steps_needed
 from identification.experiment.recording import UNITS
 

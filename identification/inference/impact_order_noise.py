@@ -12,7 +12,8 @@ import math
 
 import numpy as np
 
-from cradle_env.simulation import SimulationError, in_threads
+from cradle_env.simulation import SimulationError
+from cradle_env.threads import in_threads
 from identification.inference.likelihood import Jumps, Likelihood
 from identification.inference.mode_search import SEVERAL, Mode, bounds, mode_at, steps
 from identification.inference.nonsmooth import among_modes, broad_jacobian, descents, nearest, polish

@@ -10,9 +10,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cradle_env.cradle import Cradle, InitialState, Release
-from cradle_env.simulation import SimulationError, equilibrium, in_threads, simulate
+from cradle_env.cradle import Cradle
+from cradle_env.release import InitialState, Release
+from cradle_env.simulation import SimulationError, equilibrium, simulate
 from cradle_env.synchronization import WINDOW, newton_exponent, sigma
+from cradle_env.threads import in_threads
 from cradle_env.trajectory import Trajectory
 from identification.experiment.experiment import Experiment
 from identification.experiment.noise import correlation, inflation, noise_of

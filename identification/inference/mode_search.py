@@ -9,7 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import least_squares
 
-from cradle_env.simulation import SimulationError, each_in_threads, in_threads
+from cradle_env.simulation import SimulationError
+from cradle_env.threads import each_in_threads, in_threads
 from identification.experiment.experiment import Experiment
 from identification.experiment.run import Run
 from identification.inference.likelihood import Likelihood, rms

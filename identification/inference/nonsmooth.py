@@ -13,7 +13,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from cradle_env.simulation import in_threads
+from cradle_env.threads import in_threads
 from identification.inference.likelihood import Likelihood
 from identification.inference.mode_search import SEVERAL, bounds, climb, cost, safe_residuals, steps, unit
 

@@ -11,8 +11,9 @@ from typing import Any
 
 import numpy as np
 
-from cradle_env.cradle import Cradle, Release
+from cradle_env.cradle import Cradle
 from cradle_env.errors import check_range
+from cradle_env.release import Release
 from cradle_env.simulation import simulate_batch
 from cradle_env.synchronization import WINDOW, window_of
 from identification.experiment.experiment import Experiment

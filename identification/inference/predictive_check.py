@@ -6,7 +6,8 @@ import math
 
 import numpy as np
 
-from cradle_env.simulation import SimulationError, in_threads
+from cradle_env.simulation import SimulationError
+from cradle_env.threads import in_threads
 from identification.inference.impact_order_noise import principal_axes
 from identification.inference.likelihood import Likelihood
 from identification.inference.mode_search import bounds

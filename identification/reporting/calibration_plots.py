@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from cradle_env.simulation import in_threads
+from cradle_env.threads import in_threads
 from identification.experiment.run import Run
 from identification.inference.likelihood import rms
 from identification.inference.mode_search import training_rows

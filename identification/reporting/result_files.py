@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 
 from cradle_env import __version__
-from cradle_env.cradle import Cradle, Release
+from cradle_env.cradle import Cradle
+from cradle_env.release import Release
 from cradle_env.synchronization import ENVELOPE_PERIODS, check_duration, window_of
 from cradle_env.trajectory import Trajectory
 from identification.experiment.csv_file import csv_text

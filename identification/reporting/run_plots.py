@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cradle_env.cradle import Cradle, Release
+from cradle_env.cradle import Cradle
+from cradle_env.release import Release
 from cradle_env.synchronization import ENVELOPE_PERIODS, FLOOR
 from cradle_env.trajectory import Trajectory
 from identification.inference.posterior import Posterior, Prediction, statistics

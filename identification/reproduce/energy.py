@@ -7,7 +7,8 @@ from collections.abc import Sequence
 import matplotlib.figure
 import numpy as np
 
-from cradle_env.cradle import Cradle, Release
+from cradle_env.cradle import Cradle
+from cradle_env.release import Release
 from cradle_env.simulation import simulate
 from cradle_env.trajectory import Trajectory
 from identification.reporting.plot_style import BLACK, BLUE, GREY, ORANGE, RED, SKY, quiet_grid

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cradle_env.cradle import Cradle, Release
+from cradle_env.cradle import Cradle
+from cradle_env.release import Release
 from identification.sweep import Grid, Quantity, Swept, sweep
 
 if TYPE_CHECKING:

@@ -7,7 +7,8 @@ from collections.abc import Sequence
 import matplotlib.figure
 import numpy as np
 
-from cradle_env.cradle import Cradle, Release
+from cradle_env.cradle import Cradle
+from cradle_env.release import Release
 from identification.reporting.plot_style import BLACK, BLUE, GREEN, RED, quiet_grid
 from identification.reproduce.figure import ANGLE, BEYOND, Claim, Figure, Study, Tables
 

@@ -14,9 +14,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cradle_env.cradle import Cradle, Release
+from cradle_env.cradle import Cradle
 from cradle_env.errors import check_range
-from cradle_env.simulation import InterruptedRun, SimulationError, Threads, simulate
+from cradle_env.release import Release
+from cradle_env.simulation import SimulationError, simulate
+from cradle_env.threads import InterruptedRun, Threads
 from identification.storage.files import holds_out
 from identification.sweep.grid import Grid, built
 from identification.sweep.quantities import Quantity, chosen

@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from cradle_env.cradle import Release
 from cradle_env.errors import unknown_key
+from cradle_env.release import Release
 from cradle_env.synchronization import check_duration
 from cradle_env.trajectory import Trajectory
 

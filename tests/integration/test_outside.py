@@ -20,7 +20,7 @@ import pytest
 from cradle_env import Cradle, Release, simulate
 from cradle_env.model_files import read_model
 from cradle_env.model_files import read_posterior as read_draws
-from cradle_env.simulation import Threads
+from cradle_env.threads import Threads
 from identification.experiment.experiment import Experiment
 from identification.inference.mcmc import Checkpoint, Sampler
 from identification.inference.posterior import Posterior

@@ -7,7 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cradle_env.cradle import Cradle, Release
+from cradle_env.cradle import Cradle
+from cradle_env.release import Release
 from identification.experiment.experiment import Experiment, ExperimentError, Prior, ReleaseInfo, Run
 from identification.experiment.scaffold import scaffold
 from identification.storage.files import check_own, write_listed, write_together

@@ -17,7 +17,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cradle_env.simulation import SimulationError, each_in_threads, in_threads
+from cradle_env.simulation import SimulationError
+from cradle_env.threads import each_in_threads, in_threads
 from identification.diagnosis.learned_law.periodic_force import with_time
 from identification.diagnosis.learned_law.terms import Linear, Scales, Term, choice, choice_beside, extended
 from identification.diagnosis.residuals.multiple_shooting import can_be_cut, windowed

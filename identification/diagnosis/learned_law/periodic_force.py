@@ -11,7 +11,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from cradle_env.effects.learned_force import IN_TIME, learned_force
-from cradle_env.simulation import in_threads
+from cradle_env.threads import in_threads
 from identification.diagnosis.learned_law.terms import MOVED, Linear, Scales, Term, column, library
 from identification.diagnosis.residuals.multiple_shooting import Windowed
 from identification.diagnosis.residuals.periodogram import frequencies

@@ -18,7 +18,8 @@ from cradle_env.cradle import Cradle
 from cradle_env.effects import LEARNED, effect
 from cradle_env.effects.learned_force import ALONG_STRINGS, IN_TIME, learned_force
 from cradle_env.effects.radial_elasticity import radial_elasticity
-from cradle_env.simulation import SimulationError, in_threads
+from cradle_env.simulation import SimulationError
+from cradle_env.threads import in_threads
 from identification.diagnosis.selection.candidates import filled, is_strength, with_effects
 from identification.diagnosis.selection.inner_validation import FAR
 from identification.diagnosis.selection.model_comparison import log_evidence

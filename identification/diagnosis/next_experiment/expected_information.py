@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from cradle_env.cradle import Release
+from cradle_env.release import Release
 from cradle_env.simulation import SimulationError, simulate
 from identification.diagnosis.next_experiment.planned_run import Instrument, Planned, Setting, log_bayes
 from identification.diagnosis.next_experiment.run_grid import described, ordered, searched

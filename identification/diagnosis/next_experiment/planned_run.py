@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cradle_env.cradle import Release
+from cradle_env.release import Release
 from cradle_env.simulation import SimulationError
 from identification.diagnosis.selection.search import placed
 from identification.experiment.experiment import Experiment

@@ -13,7 +13,7 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from cradle_env.cradle import Cradle
-from cradle_env.simulation import in_threads
+from cradle_env.threads import in_threads
 from identification.diagnosis.residuals.windows import divided
 from identification.diagnosis.selection.search import placed
 from identification.experiment.run import Run

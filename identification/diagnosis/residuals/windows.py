@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cradle_env.cradle import InitialState
+from cradle_env.release import InitialState
 from cradle_env.simulation import SimulationError
 from identification.inference.fit_result import Fitted, span
 

@@ -17,7 +17,8 @@ import numpy as np
 
 from cradle_env.effects import Effect
 from cradle_env.effects.elements import balanced
-from cradle_env.simulation import SimulationError, in_threads
+from cradle_env.simulation import SimulationError
+from cradle_env.threads import in_threads
 from identification.diagnosis.residuals.residual_tests import log_tail
 from identification.diagnosis.selection.candidates import (
     Candidate,

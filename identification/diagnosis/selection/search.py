@@ -13,7 +13,8 @@ from typing import Any
 import numpy as np
 
 from cradle_env.effects import effect, known_effects
-from cradle_env.simulation import SimulationError, in_threads
+from cradle_env.simulation import SimulationError
+from cradle_env.threads import in_threads
 from identification.diagnosis.selection.candidates import Candidate, Values, starts, with_effects
 from identification.experiment.experiment import Experiment
 from identification.inference.fit_result import Fitted

@@ -14,7 +14,7 @@ import numpy as np
 from scipy.stats import chi2 as chi2_distribution
 
 from cradle_env.effects import LEARNED
-from cradle_env.simulation import in_threads
+from cradle_env.threads import in_threads
 from identification.diagnosis.selection.candidates import is_strength, parameter_of
 from identification.diagnosis.selection.search import Keep, fit_key
 from identification.diagnosis.uncertainty.conditional_likelihood import Held, refit_others

@@ -17,7 +17,8 @@ from scipy.interpolate import PchipInterpolator
 from scipy.stats import truncnorm
 
 from cradle_env.effects import Parameter
-from cradle_env.simulation import SimulationError, in_threads
+from cradle_env.simulation import SimulationError
+from cradle_env.threads import in_threads
 from identification.diagnosis.selection.candidates import Candidate, is_strength, strength, with_effects
 from identification.diagnosis.selection.score_test import LEAST_SEEN, Score, Sensed, change
 from identification.diagnosis.selection.search import Keep, at_once, fit_key

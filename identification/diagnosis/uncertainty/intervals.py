@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import norm, truncnorm
 
-from cradle_env.simulation import in_threads
+from cradle_env.threads import in_threads
 from identification.diagnosis.selection.search import Keep, at_once, fit_key
 from identification.diagnosis.uncertainty.alternative_modes import branches, shapes_of
 from identification.diagnosis.uncertainty.conditional_likelihood import refit_others

@@ -10,7 +10,8 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from cradle_env.cradle import Cradle, Release
+from cradle_env.cradle import Cradle
+from cradle_env.release import Release
 from identification.experiment.csv_file import read_recording
 from identification.experiment.experiment import Experiment, ExperimentError, Prior, ReleaseInfo
 from identification.experiment.noise import correlation, estimated_noise, gap_of_noise
