@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from cradle_env import display
 from cradle_env.effects import Effect, compose, effect
 from cradle_env.effects.elements import balanced, with_value
 from cradle_env.errors import check_range, one_line
@@ -36,6 +37,22 @@ _LONGEST_ROW = 1e5
 _MOST_DAMPED = 30.0
 #: Moduli [Pa] from that of a foam to a million times that of diamond.
 _MODULI = (1.0, 1e18)
+
+#: Unit and symbol of the fields of Cradle that are physical quantities.
+FIELDS = {
+    "k_f": ("N s m^-3/2", "k_f"),
+    "kappa": ("N/m", "κ"),
+    "b": ("kg/s", "b"),
+    "length": ("m", "r_0"),
+    "pivot_half_spacing": ("m", "a"),
+    "mass": ("kg", "m"),
+    "radius": ("m", "R"),
+    "youngs_modulus": ("Pa", "E"),
+    "poisson_ratio": ("1", "ν"),
+    "delta": ("1", "δ"),
+    "gravity": ("m/s^2", "g"),
+    "restitution": ("1", "e"),
+}
 
 
 @dataclass(frozen=True, eq=True)
@@ -258,6 +275,22 @@ class Cradle:
         """x of each bob's pivot [m], shape (N,), centred."""
         x = np.concatenate([[0.0], np.cumsum(2.0 * self.radius * (1.0 + self.gaps))])
         return x - 0.5 * x[-1]
+
+    def __repr__(self) -> str:
+        standard = {"kappa": self._kappa_for(STANDARD_BETA)}
+        return display.summary_line("Cradle", display.changed_fields(self, standard))
+
+    def _repr_html_(self) -> str:
+        effects = ", ".join(e.name for e in self.composition)
+        rows = [("bobs", str(self.bobs), ""), ("model", self.model, ""), ("effects", effects, "")]
+        for name, (unit, _) in FIELDS.items():
+            rows.append((name, display.value_text(getattr(self, name)), "" if unit == "1" else unit))
+        if self.power_law is not None:
+            rows.append(("power_law", display.value_text(self.power_law), ""))
+        for name, values in self.effects.items():
+            units = {p.key: p.unit for p in effect(name.removeprefix("-")).parameters}
+            rows += [(f"{name}.{key}", display.value_text(value), units[key]) for key, value in values.items()]
+        return display.table("Cradle", rows)
 
     def __hash__(self) -> int:
         return hash((self.bobs, self.length, self.kappa, self.k_f, self.b, self.delta, self.model))

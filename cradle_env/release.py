@@ -10,6 +10,7 @@ from types import MappingProxyType
 
 import numpy as np
 
+from cradle_env import display
 from cradle_env.cradle import Cradle
 from cradle_env.errors import check_range, one_line
 from cradle_env.pickling import reduce_to_fields
@@ -107,6 +108,16 @@ class Release:
     def gamma(self, cradle: Cradle) -> float:
         """γ = θ0²/6."""
         return self.lead(cradle)[1] ** 2 / 6.0
+
+    def __repr__(self) -> str:
+        return display.summary_line("Release", display.changed_fields(self))
+
+    def _repr_html_(self) -> str:
+        if self.angles is None:
+            rows = [("angle", display.value_text(self.angle), "rad"), ("bobs", str(self.bobs), "")]
+        else:
+            rows = [(f"angle of bob {bob}", display.value_text(angle), "rad") for bob, angle in self.angles.items()]
+        return display.table("Release", [*rows, ("start", self.start, "")])
 
 
 @dataclass(frozen=True)

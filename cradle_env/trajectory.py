@@ -3,13 +3,20 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from cradle_env import display, plotting, run_tables
 from cradle_env.cradle import Cradle
 from cradle_env.kernel_records import records
 from cradle_env.release import InitialState, Release
 from cradle_env.synchronization import WINDOW, newton_exponent, sigma
+
+if TYPE_CHECKING:
+    import pandas
+    import xarray
+    from matplotlib.figure import Figure
 
 #: One row per pair of an impact: time [s], pair (i: bobs i and i + 1), approach speed [m/s], energy taken [J]; what
 #: contacts take that are followed in time stands in the ledger alone.
@@ -114,3 +121,45 @@ class Trajectory:
             impacts=taken[np.searchsorted(times, self.t, side="right")] + contacts,
             support=support,
         )
+
+    def plot(self) -> Figure:
+        """A Matplotlib figure of the run: θ(t) of each bob, first and last swings, σ(t) with exp(−λt), the energy.
+
+        The figure belongs to no window: a notebook shows it, `figure.savefig("run.png")` writes it.
+        """
+        return plotting.run_figure(self)
+
+    def to_xarray(self) -> xarray.Dataset:
+        """The run as an xarray Dataset; every variable states its unit in `attrs["units"]`.
+
+        Dimensions time (T) and bob (N, numbered from 1): theta, r, theta_dot, r_dot (time, bob), sigma (time), nan
+        where the samples do not define σ. Dimension impact (M): impact_time, impact_pair, impact_speed, impact_loss,
+        see IMPACT. `Dataset.attrs` names the cradle and the release.
+
+        >>> run.to_xarray().theta.sel(bob=5).plot()  # doctest: +SKIP
+        """
+        return run_tables.dataset(self)
+
+    def to_dataframe(self) -> pandas.DataFrame:
+        """The run as a pandas DataFrame: one row per sample, index "t [s]".
+
+        Columns, of each bob i: "theta_i [rad]", "r_i [m]", "theta_dot_i [rad/s]", "r_dot_i [m/s]"; and "sigma", nan
+        where the samples do not define σ. The impacts are `pandas.DataFrame(run.impacts)`.
+        """
+        return run_tables.dataframe(self)
+
+    def __repr__(self) -> str:
+        times = f"t={self.t[0]:g} to {self.t[-1]:g} s in {len(self.t)} samples"
+        parts = [f"bobs={self.cradle.bobs}", times, f"impacts={len(self.impacts)}"]
+        released = self.release if isinstance(self.release, Release) else type(self.release).__name__
+        return display.summary_line("Trajectory", [*parts, f"release={released}"])
+
+    def _repr_html_(self) -> str:
+        rows = [
+            ("cradle", repr(self.cradle)),
+            ("release", repr(self.release) if isinstance(self.release, Release) else "an initial state"),
+            ("time", f"{self.t[0]:g} to {self.t[-1]:g} s, {len(self.t)} samples"),
+            ("impacts", str(len(self.impacts))),
+        ]
+        description = "First and last swings of the bobs, and σ(t)"
+        return display.table("Trajectory", rows) + display.picture(plotting.small_figure(self), description)

@@ -10,10 +10,10 @@ from-ho.png.
 import argparse
 from pathlib import Path
 
+from cradle_env.plot_style import BLUE, GREEN, GREY, RED, png, quiet_grid, styled
 from identification import Experiment, diagnose
 from identification.diagnosis.report import save
 from identification.diagnosis.result import Diagnosis
-from identification.reporting.plot_style import BLUE, GREEN, GREY, RED, png, quiet_grid, styled
 from identification.reporting.terminal import Progress
 
 ROOT = Path(__file__).resolve().parent

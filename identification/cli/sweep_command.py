@@ -13,9 +13,9 @@ import numpy as np
 
 from cradle_env import __version__
 from cradle_env.cradle import Cradle
+from cradle_env.plot_style import png
 from cradle_env.release import Release
 from identification.inference.unknowns import matters
-from identification.reporting.plot_style import png
 from identification.reporting.result_files import cradle_values, release_values
 from identification.reporting.terminal import Progress, print_table
 from identification.reporting.wording import number, unit_plain

@@ -6,13 +6,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from cradle_env.plot_style import BLUE, GREEN, GREY, ORANGE, RED, quiet_grid, styled
 from identification.diagnosis.learned_law.law_shape import Shape
 from identification.diagnosis.residuals.residual_tests import Place
 from identification.diagnosis.result import Diagnosis
 from identification.diagnosis.stepwise import Examined
 from identification.inference.fit_result import Fitted
 from identification.inference.mode_search import training_rows
-from identification.reporting.plot_style import BLUE, GREEN, GREY, ORANGE, RED, quiet_grid, styled
 from identification.reporting.wording import literal
 
 if TYPE_CHECKING:

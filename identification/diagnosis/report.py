@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from cradle_env.effects import effect
+from cradle_env.plot_style import png
 from identification.diagnosis.figures import (
     candidates_figure,
     comparison_figure,
@@ -22,7 +23,6 @@ from identification.diagnosis.result import FORMAT, Diagnosis
 from identification.diagnosis.selection.candidates import one_sided
 from identification.inference.mode_search import Progress
 from identification.reporting.html_page import page
-from identification.reporting.plot_style import png
 from identification.reporting.wording import Rounding, estimate, markup, minus, number, ratio, unit_markup
 from identification.storage.files import check_own, write_listed
 

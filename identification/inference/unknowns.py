@@ -9,28 +9,13 @@ from typing import Any
 
 import numpy as np
 
-from cradle_env.cradle import Cradle
+from cradle_env.cradle import FIELDS, Cradle
 from cradle_env.effects import Parameter
 from cradle_env.effects.elements import element_of
 from cradle_env.errors import unknown_key
 from identification.experiment.experiment import Experiment
 from identification.experiment.run import Prior, Run
 
-#: Unit, symbol of the fields of Cradle that can be inferred.
-FIELDS = {
-    "k_f": ("N s m^-3/2", "k_f"),
-    "kappa": ("N/m", "κ"),
-    "b": ("kg/s", "b"),
-    "length": ("m", "r_0"),
-    "pivot_half_spacing": ("m", "a"),
-    "mass": ("kg", "m"),
-    "radius": ("m", "R"),
-    "youngs_modulus": ("Pa", "E"),
-    "poisson_ratio": ("1", "ν"),
-    "delta": ("1", "δ"),
-    "gravity": ("m/s^2", "g"),
-    "restitution": ("1", "e"),
-}
 #: Between what values of them there is a cradle, where that is not from 0 on.
 _BOUNDS = {"delta": (-1.0, math.inf), "poisson_ratio": (-1.0, 0.5), "restitution": (0.0, 1.0)}
 #: Without a prior, a positive unknown is uniform in its logarithm, this factor either way of its starting value.

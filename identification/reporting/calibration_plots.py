@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from cradle_env.plot_style import BLACK, BLUE, GREY, ORANGE, RED, quiet_grid, styled
 from cradle_env.threads import in_threads
 from identification.experiment.run import Run
 from identification.inference.likelihood import rms
 from identification.inference.mode_search import training_rows
 from identification.inference.posterior import Posterior, statistics
-from identification.reporting.plot_style import BLACK, BLUE, GREY, ORANGE, RED, quiet_grid, styled
-from identification.reporting.run_plots import lambda_figure, prediction_figure, run_figure
+from identification.reporting.run_plots import lambda_figure, prediction_figure
 from identification.reporting.wording import literal, mathtext, ratio, rounding_of, shown, unit_mathtext
 
 if TYPE_CHECKING:
@@ -237,4 +237,4 @@ def _residuals(posterior: Posterior, index: int) -> np.ndarray:
     return values
 
 
-__all__ = ["corner_figure", "fit_figure", "lambda_figure", "prediction_figure", "residual_figure", "run_figure"]
+__all__ = ["corner_figure", "fit_figure", "lambda_figure", "prediction_figure", "residual_figure"]

@@ -11,13 +11,13 @@ import numpy as np
 
 from cradle_env import __version__
 from cradle_env.cradle import Cradle
+from cradle_env.plot_style import png
 from cradle_env.release import Release
 from cradle_env.synchronization import ENVELOPE_PERIODS, check_duration, window_of
 from cradle_env.trajectory import Trajectory
 from identification.experiment.csv_file import csv_text
 from identification.experiment.experiment import Experiment
 from identification.inference.posterior import Posterior, Prediction
-from identification.reporting.plot_style import png
 from identification.storage.files import write_listed
 
 #: Told before each picture: how much is done, and what comes.
@@ -58,8 +58,6 @@ def save_run(
 ) -> dict[str, Any]:
     """Writes trajectory.csv, impacts.csv, run.png, the files of an experiment where one was made of the run, and, last,
     summary.json, which it returns."""
-    from identification.reporting.calibration_plots import run_figure
-
     assert isinstance(run.release, Release)
     energy = run.energy()
     sigma, rate, none_because = None, None, None
@@ -90,7 +88,7 @@ def save_run(
     }
     impacts = {"time [s]": "time", "pair": "pair", "speed [m/s]": "speed", "loss [J]": "loss"}
     table = table_text({label: run.impacts[name] for label, name in impacts.items()})
-    made = (csv_text(run.t, run.theta, "theta"), table, png(run_figure(run)))
+    made = (csv_text(run.t, run.theta, "theta"), table, png(run.plot()))
     files = {**dict(zip(RUN_FILES, made, strict=True)), **({} if experiment is None else experiment.texts())}
     return write_listed(folder, files, SUMMARY, summary)
 

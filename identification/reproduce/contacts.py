@@ -9,9 +9,9 @@ import numpy as np
 
 from cradle_env.constitutive import contact_times
 from cradle_env.cradle import Cradle
+from cradle_env.plot_style import BLACK, BLUE, GREY, ORANGE, RED, quiet_grid
 from cradle_env.simulation import simulate
 from cradle_env.trajectory import Trajectory
-from identification.reporting.plot_style import BLACK, BLUE, GREY, ORANGE, RED, quiet_grid
 from identification.reproduce.figure import BEYOND, STANDARD_RELEASE, Claim, Figure, Study, Table, Tables
 from identification.sweep import Quantity
 

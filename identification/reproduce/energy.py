@@ -8,10 +8,10 @@ import matplotlib.figure
 import numpy as np
 
 from cradle_env.cradle import Cradle
+from cradle_env.plot_style import BLACK, BLUE, GREY, ORANGE, RED, SKY, quiet_grid
 from cradle_env.release import Release
 from cradle_env.simulation import simulate
 from cradle_env.trajectory import Trajectory
-from identification.reporting.plot_style import BLACK, BLUE, GREY, ORANGE, RED, SKY, quiet_grid
 from identification.reproduce.figure import BOBS, STANDARD_RELEASE, Claim, Figure, Study, Tables
 from identification.sweep.quantities import synchronized
 

@@ -9,9 +9,9 @@ import numpy as np
 
 from cradle_env.constitutive import contact_times, restitution_curve
 from cradle_env.cradle import POWER_LAW_SPEEDS, Cradle
+from cradle_env.plot_style import BLACK, BLUE, GREEN, ORANGE, RED, quiet_grid
 from cradle_env.release import InitialState, Release
 from cradle_env.simulation import simulate
-from identification.reporting.plot_style import BLACK, BLUE, GREEN, ORANGE, RED, quiet_grid
 from identification.reproduce.figure import Claim, Figure, Study, Table, Tables
 
 #: What the paper states of eq. 1 at k_f = 18000 N s/m^(3/2).

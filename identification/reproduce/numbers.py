@@ -8,8 +8,8 @@ import matplotlib.figure
 import numpy as np
 
 from cradle_env.cradle import Cradle
+from cradle_env.plot_style import BLACK, BLUE, GREEN, RED, quiet_grid
 from cradle_env.release import Release
-from identification.reporting.plot_style import BLACK, BLUE, GREEN, RED, quiet_grid
 from identification.reproduce.figure import ANGLE, BEYOND, Claim, Figure, Study, Tables
 
 _MOST, _LIFTED = 10, (1, 2, 3)

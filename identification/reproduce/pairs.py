@@ -8,7 +8,7 @@ import matplotlib.figure
 import numpy as np
 
 from cradle_env.cradle import Cradle
-from identification.reporting.plot_style import quiet_grid
+from cradle_env.plot_style import quiet_grid
 from identification.reproduce.figure import BEYOND, STANDARD_RELEASE, Claim, Figure, Study, Table, Tables
 from identification.reproduce.resonance import linear_ratio
 

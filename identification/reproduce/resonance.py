@@ -15,10 +15,10 @@ import matplotlib.figure
 import numpy as np
 
 from cradle_env.cradle import Cradle
+from cradle_env.plot_style import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, RED, quiet_grid
 from cradle_env.release import Release
 from cradle_env.simulation import simulate
 from cradle_env.trajectory import Trajectory
-from identification.reporting.plot_style import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, RED, quiet_grid
 from identification.reproduce.figure import ANGLE, BEYOND, Claim, Figure, Study, Table, Tables
 from identification.reproduce.sweeps import ELASTIC
 from identification.sweep import Quantity

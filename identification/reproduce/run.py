@@ -17,8 +17,8 @@ import numpy as np
 
 from cradle_env import __version__
 from cradle_env.errors import check_range, unknown_key
+from cradle_env.plot_style import pdf, png, styled
 from identification.inference.posterior import Posterior
-from identification.reporting.plot_style import pdf, png, styled
 from identification.reporting.result_files import table_text
 from identification.reproduce import FIGURES
 from identification.reproduce.bands import calibrate_example, check_posterior

@@ -10,9 +10,9 @@ import numpy as np
 
 from cradle_env.constitutive import string_tension
 from cradle_env.cradle import Cradle
+from cradle_env.plot_style import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, RED, quiet_grid
 from cradle_env.release import Release
 from cradle_env.simulation import simulate
-from identification.reporting.plot_style import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, RED, quiet_grid
 from identification.reproduce.figure import ANGLE, BEYOND, Claim, Figure, Study, Table, Tables
 
 #: Largest tensions of the single cycles, and the range of the repeated ones [N]: below the paper's 3 N.

@@ -8,9 +8,9 @@ import matplotlib.figure
 import numpy as np
 
 from cradle_env.cradle import STANDARD_BETA, Cradle
+from cradle_env.plot_style import BLACK, BLUE, GREEN, GREY, RED, quiet_grid
 from cradle_env.release import Release
 from cradle_env.synchronization import ENVELOPE_PERIODS
-from identification.reporting.plot_style import BLACK, BLUE, GREEN, GREY, RED, quiet_grid
 from identification.reproduce.figure import ANGLE, BOBS, Study, Table, Tables
 from identification.reproduce.impacts import PUBLISHED_ALPHA, PUBLISHED_N
 

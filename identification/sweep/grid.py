@@ -10,11 +10,10 @@ from typing import Any
 
 import numpy as np
 
-from cradle_env.cradle import Cradle
+from cradle_env.cradle import FIELDS, Cradle
 from cradle_env.effects import effect
 from cradle_env.errors import one_line, unknown_key
 from cradle_env.release import Release
-from identification.inference.unknowns import FIELDS
 
 #: Unit and symbol of what can be swept beside the numbers of Cradle and "effect.key".
 _OTHERS = {

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from identification.reporting.plot_style import bob_styles, quiet_grid, styled
+from cradle_env.plot_style import bob_styles, quiet_grid, styled
 from identification.reporting.wording import mathtext, unit_mathtext
 from identification.sweep.grid import Axis, Grid
 from identification.sweep.quantities import Quantity

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from cradle_env import __version__
-from cradle_env.cradle import Cradle
+from cradle_env.cradle import FIELDS, Cradle
 from cradle_env.effects import effect
 from cradle_env.simulation import SimulationError
 from identification.diagnosis.data_checks.readings import check_readings
@@ -22,7 +22,6 @@ from identification.experiment.experiment_file import infer_lines, model_lines
 from identification.inference.fit_result import Fitted, with_known_noise
 from identification.inference.linear_algebra import on_one_thread
 from identification.inference.mode_search import Progress
-from identification.inference.unknowns import FIELDS
 from identification.storage.files import check_report, holds_out
 from identification.storage.schema import read_json
 from identification.storage.toml_table import toml_text

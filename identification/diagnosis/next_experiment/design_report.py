@@ -10,13 +10,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cradle_env.effects import effect
+from cradle_env.plot_style import BLACK, bob_styles, png, quiet_grid, styled
 from identification.diagnosis.next_experiment.design import FORMAT, Design
 from identification.diagnosis.next_experiment.expected_information import Plan
 from identification.diagnosis.next_experiment.planned_run import Instrument, Planned
 from identification.diagnosis.next_experiment.run_grid import described
 from identification.experiment.experiment_file import FILE_NAME
 from identification.reporting.html_page import page
-from identification.reporting.plot_style import BLACK, bob_styles, png, quiet_grid, styled
 from identification.reporting.wording import Rounding, number, unit_plain
 from identification.storage.files import check_own, write_listed
 

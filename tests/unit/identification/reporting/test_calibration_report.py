@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 from cradle_env import Cradle, Release
+from cradle_env.plot_style import png
 from identification.cli.commands import _known
 from identification.experiment.experiment import Experiment
 from identification.experiment.run import Prior, ReleaseInfo, Run
 from identification.inference.posterior import Gap, Posterior, statistics
 from identification.reporting import calibration_plots, result_files
-from identification.reporting.plot_style import png
 from identification.reporting.wording import Rounding, estimate, markup, mathtext, shown, unit_markup, unit_plain
 from identification.storage.files import write_json
 from tests.synthetic import made_up_posterior, simulated_run

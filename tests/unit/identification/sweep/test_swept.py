@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from cradle_env import Cradle, Release
-from identification.reporting.plot_style import png
+from cradle_env.plot_style import png
 from identification.sweep import Grid, sweep, tables
 from identification.sweep.picture import sweep_figure
 
