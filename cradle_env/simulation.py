@@ -114,7 +114,7 @@ def steps_needed(cradle: Cradle, duration: float, step_factor: float = 1.0) -> f
 
 
 def _steps(c: np.ndarray, cradle: Cradle, duration: float) -> float:
-    return float(duration / c["step"][0] * cradle.bobs)
+    return float(duration) / float(c["step"][0]) * cradle.bobs
 
 
 def check_cost(cradle: Cradle, duration: float, steps: float, most: float, remedy: str) -> None:
