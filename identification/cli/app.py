@@ -99,19 +99,52 @@ def _program(
 
 @app.command()
 def new(
-    data: Annotated[Path, typer.Argument(metavar="DATA.csv", help="CSV, or an export of Tracker.")],
+    data: Annotated[Path, typer.Argument(metavar="DATA", help="A table with a header, or an export of Tracker.")],
     out: Annotated[
-        Path | None, typer.Option("--out", metavar="FILE", help="Beside the data, as experiment.toml, where omitted.")
+        Path | None,
+        typer.Option("--out", metavar="DIR", help="A folder, or a file that ends in .toml; that of the data where"
+                     " omitted."),
     ] = None,
-    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace a file that exists.")] = False,
+    time: Annotated[
+        str | None, typer.Option("--time", metavar="COLUMN", help="The column of time, where its name does not say so.")
+    ] = None,
+    bob: Annotated[
+        list[str] | None,
+        typer.Option("--bob", metavar="N=COLUMN", help="The column of a bob; no others are read. Repeat."),
+    ] = None,
+    unit: Annotated[
+        list[str] | None,
+        typer.Option("--unit", help="s, ms or us of the times; rad, deg, m, cm, mm or more of the readings. Repeat."),
+    ] = None,
+    rate: Annotated[
+        float | None, typer.Option("--rate", help="Frames per second, where a column counts frames and none is time.")
+    ] = None,
+    mirror: Annotated[
+        bool, typer.Option("--mirror", help="Turn all signs: positive must be towards the last bob.")
+    ] = False,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace files that this command wrote.")] = False,
     seed: Annotated[int, typer.Option("--seed", hidden=True)] = 0,
     workers: NoWorkers = None,
-) -> None:
-    """Write a first experiment.toml for a data file, with guesses from the data to check and correct."""
-    from identification.experiment.scaffold import scaffold
+) -> None:  # fmt: skip
+    """Write a first experiment.toml for a data file, with guesses from the data to check and correct.
 
-    path = scaffold(data, out, overwrite=overwrite)
+    Says what was understood. Where the data are not in the strict form, `t [s],theta_1 [rad],...`, a copy that is goes
+    beside experiment.toml; the file itself stays as it is.
+    """
+    from identification.experiment.scaffold import scaffold
+    from identification.experiment.table_columns import Columns
+
+    columns = Columns(time, dict(_numbered(text) for text in bob or ()), tuple(unit or ()), rate)
+    path = scaffold(data, out, overwrite=overwrite, columns=columns, mirror=mirror, report=typer.echo)
     typer.echo(f"{path}: check each entry against your cradle, then: cradle calibrate {path} --out DIR")
+
+
+def _numbered(text: str) -> tuple[int, str]:
+    """(1, "Angle 1") of "1=Angle 1"."""
+    number, equals, name = text.partition("=")
+    if not (equals and name and number.isdecimal() and number.isascii()):
+        raise ValueError(f'--bob {text}: expected N=COLUMN, as --bob 1="Angle 1 (deg)"')
+    return int(number), name
 
 
 @app.command()

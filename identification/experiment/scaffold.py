@@ -4,19 +4,25 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 
 from cradle_env.cradle import Cradle
-from identification.experiment.csv_file import read_recording
+from identification.experiment.csv_file import csv_text
 from identification.experiment.experiment import Experiment
 from identification.experiment.experiment_file import FILE_NAME, FORMAT
+from identification.experiment.plausibility import seems_mirrored
 from identification.experiment.recording import Recording
-from identification.storage.files import ExperimentError, write_together
+from identification.experiment.table_columns import Columns
+from identification.experiment.table_reader import mirrored, read_table
+from identification.experiment.text_encoding import decode
+from identification.storage.files import ExperimentError, check_folder, write_together
 from identification.storage.toml_table import toml_text
 
+#: How a data file begins that was written here, and may be overwritten.
+_MARK = "# Written by cradle new"
 #: How well the first rows tell an angle [rad], and the share of itself by which a guessed length is off; 1 sigma.
 _ANGLE_SD, _LENGTH_SD = 0.002, 0.5
 #: Parts of its way to rest that a bob has gone while it still counts as held, and once it surely swings; and how many
@@ -26,38 +32,92 @@ _STILL, _SWINGS, _AT_ONCE = 0.1, 0.5, 1.5
 _NOW = 0.05
 
 
-def scaffold(data_csv: Path, out: Path | None = None, *, overwrite: bool = False) -> Path:
+def scaffold(
+    data_csv: Path,
+    out: Path | None = None,
+    *,
+    overwrite: bool = False,
+    columns: Columns | None = None,
+    mirror: bool = False,
+    report: Callable[[str], None] = lambda line: None,
+) -> Path:
     """Writes an experiment.toml for a data file, beside it or at `out`, that loads at once; its path.
 
-    In another folder the data go along, for an experiment names no file outside its own folder.
+    out: a folder, made if need be, or a file that ends in .toml. In another folder the data go along, for an
+    experiment names no file outside its own folder. Data that are not in the strict form go into a new file in that
+    form, in SI units; theirs stays as it is. columns: what is known of the columns; mirror: turns the sign of all
+    readings; report: called with each line of what was understood.
 
-    Raises ExperimentError if the data are unusable, or if the file exists and overwrite is not set.
+    Raises ExperimentError if the data are unusable, or if a file exists and overwrite is not set.
     """
     data_csv = Path(data_csv)
-    out = data_csv.parent / FILE_NAME if out is None else Path(out)
-    if out.is_dir():
-        out = out / FILE_NAME
-    if out.resolve() == data_csv.resolve():
-        raise ExperimentError(f"{out}: these are the data; name another file for what describes them")
-    recording = read_recording(data_csv)
-    if out.exists() and not overwrite:
-        raise ExperimentError(f"{out}: exists already; name another file, or say that it may be overwritten")
-    if np.isnan(recording.readings).all():
+    path = data_csv.parent / FILE_NAME if out is None else Path(out)
+    if path.resolve() == data_csv.resolve():
+        raise ExperimentError(f"{path}: these are the data; name another file for what describes them")
+    if path.suffix != ".toml":
+        check_folder(path)
+        path = path / FILE_NAME
+    table = read_table(data_csv, columns)
+    if path.exists() and not overwrite:
+        raise ExperimentError(f"{path}: exists already; name another file, or say that it may be overwritten")
+    if np.isnan(table.recording.readings).all():
         raise ExperimentError(f"{data_csv}: holds no reading at all; each row needs a value or more")
-    name, copied = data_csv.name, out.parent / data_csv.name
-    beside_data = copied.resolve() == data_csv.resolve()
-    if not beside_data and copied.exists() and copied.read_bytes() != recording.data:
-        raise ExperimentError(f"{copied}: exists already, and is not a copy of the data; name another folder")
-    if not name.isprintable():
-        raise ExperimentError(f"{name!r}: this name cannot be written into a file; rename the data")
-    text = scaffold_text(recording, name)
+    if not data_csv.name.isprintable():
+        raise ExperimentError(f"{data_csv.name!r}: this name cannot be written into a file; rename the data")
+    for line in (*table.understood, *(["the signs of all readings are turned (--mirror)"] if mirror else [])):
+        report(line)
+    recording = mirrored(table.recording) if mirror else table.recording
+    strict = table.strict and not mirror
+    text, name, data = _files(recording, data_csv, strict, table.understood)
+    _check_experiment(data_csv, recording, text, name, data, mirror)
+    target = path.parent / name
+    same = _may_write(target, data, overwrite)
+    write_together(path.parent, {**({} if same else {name: data}), path.name: text})
+    if not strict:
+        report(f"wrote {target}: the same data in the strict form; {data_csv.name} stays as it is")
+    return path
+
+
+def _files(recording: Recording, data_csv: Path, strict: bool, understood: Sequence[str]) -> tuple[str, str, bytes]:
+    """The experiment.toml, and the name and content of the data beside it."""
+    if strict:
+        return scaffold_text(recording, data_csv.name), data_csv.name, recording.data
+    name = f"{data_csv.stem}-si.csv"
+    notes = "".join(f"# {line}\n" for line in (f"{_MARK[2:]} from {toml_text(data_csv.name)}", *understood))
+    csv = notes + csv_text(recording.times, recording.displacements(), recording.quantity)
+    return scaffold_text(recording, name), name, csv.encode()
+
+
+def _may_write(target: Path, data: bytes, overwrite: bool) -> bool:
+    """Whether a file holds these data already; refuses to write over any other, but for one that was written here."""
+    if not target.exists():
+        return False
+    content = target.read_bytes()
+    if content != data and not (overwrite and content.startswith(_MARK.encode())):
+        raise ExperimentError(f"{target}: exists already, and is not a copy of the data; name another folder")
+    return content == data
+
+
+def _check_experiment(data_csv: Path, recording: Recording, text: str, name: str, data: bytes, mirror: bool) -> None:
+    """Refuses what would not load; signs that are the other way round with the option that turns them."""
+    turned = mirrored(recording)
+    turned_csv = csv_text(turned.times, turned.displacements(), turned.quantity)
+    remedy = "leave out --mirror" if mirror else "add --mirror, which turns all signs"
+    other_way = ExperimentError(
+        f"{data_csv}: the readings are mirrored: bobs would pass through each other where positive is towards the last"
+        f" bob; {remedy}"
+    )
     try:
-        Experiment.parse(text, data_csv.parent / out.name)
+        Experiment.from_texts({FILE_NAME: text, name: decode(name, data)[0]})
     except ExperimentError as problem:  # with what is guessed from the data, in a file that is not written
-        what = str(problem).partition(": run[1]: ")[2]
-        raise ExperimentError(f"{data_csv}: {what}") if what else problem from None
-    write_together(out.parent, {**({} if beside_data else {name: recording.data}), out.name: text})
-    return out
+        try:
+            Experiment.from_texts({FILE_NAME: scaffold_text(turned, name), name: turned_csv})
+        except ExperimentError:
+            what = str(problem).partition(": run[1]: ")[2]
+            raise ExperimentError(f"{data_csv}: {what}") if what else problem from None
+        raise other_way from None
+    if seems_mirrored(recording) and not seems_mirrored(turned):
+        raise other_way
 
 
 def scaffold_text(recording: Recording, file: str) -> str:

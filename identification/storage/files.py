@@ -39,6 +39,17 @@ class ExperimentError(ValueError):
 
 def read_text(path: Path) -> tuple[str, bytes]:
     """The text of a UTF-8 file, lines ended by \\n, without byte order mark; and its bytes as they are."""
+    data = read_bytes(path)
+    try:
+        text = data.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        line = data.count(b"\n", 0, error.start) + 1
+        raise ExperimentError(f"{path}, line {line}: not UTF-8 text; save the file as plain text in UTF-8") from None
+    return text.replace("\r\n", "\n").replace("\r", "\n"), data
+
+
+def read_bytes(path: Path) -> bytes:
+    """A file as it is, if it is no larger than what is read as text."""
     try:
         with path.open("rb") as file:
             data = file.read(_LARGEST + 1)
@@ -51,12 +62,7 @@ def read_text(path: Path) -> tuple[str, bytes]:
         raise ExperimentError(f"{str(path)!r}: cannot be read ({reason}); check the name and the permissions") from None
     if len(data) > _LARGEST:
         raise ExperimentError(f"{path}: is larger than {_LARGEST >> 20} MB; split it, or keep fewer readings")
-    try:
-        text = data.decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        line = data.count(b"\n", 0, error.start) + 1
-        raise ExperimentError(f"{path}, line {line}: not UTF-8 text; save the file as plain text in UTF-8") from None
-    return text.replace("\r\n", "\n").replace("\r", "\n"), data
+    return data
 
 
 def beside(folder: Path, name: str) -> Path:

@@ -244,6 +244,9 @@ def test_a_scaffold_refuses_what_would_not_load(tmp_path):
     with pytest.raises(ExperimentError, match=r"data\.csv: holds no reading"):
         scaffold(data)
     data.write_text("t,theta_1,theta_2\n0,0.0,-0.2\n1,0.0,0.1\n", encoding="utf-8")
+    with pytest.raises(ExperimentError, match=r"^\S*/data\.csv: the readings are mirrored: .* add --mirror"):
+        scaffold(data)
+    data.write_text("t,theta_1,theta_2,theta_3\n0,0.0,-0.2,0.0\n1,0.0,0.1,0.0\n", encoding="utf-8")
     with pytest.raises(ExperimentError, match=r"^\S*/data\.csv: bobs overlap .* outwards"):
         scaffold(data)
     data = data.rename(tmp_path / "two\nlines.csv")
@@ -263,10 +266,11 @@ def test_a_scaffold_overwrites_only_when_told(tmp_path):
         scaffold(data, path)
     assert scaffold(data, path, overwrite=True) == path
     written = path.read_text(encoding="utf-8")
-    data.write_text("t,x_2\n0,10\n1,-1\n", encoding="utf-8")
+    data.write_text("t,x_2\n0,0.1\n1,-0.1\n", encoding="utf-8")
     with pytest.raises(ExperimentError, match="exists already, and is not a copy"):
         scaffold(data, path, overwrite=True)
     path.with_name("data.csv").unlink()
-    with pytest.raises(ExperimentError, match=r"x_2 \[mm\]"):
+    data.write_text("t,x_2\n0,10\n1,-1\n", encoding="utf-8")
+    with pytest.raises(ExperimentError, match=r"10 m is beyond 2 m; add --unit mm"):
         scaffold(data, path, overwrite=True)
     assert path.read_text(encoding="utf-8") == written

@@ -1,0 +1,132 @@
+"""What the label of a column means: time, or the angle or displacement of a bob, and in which unit."""
+
+from __future__ import annotations
+
+import itertools
+import math
+import re
+import unicodedata
+from dataclasses import dataclass
+
+#: SI value of each unit in which a table may be, by quantity, the default first.
+TABLE_UNITS = {
+    "t": {"s": 1.0, "ms": 1e-3, "us": 1e-6},
+    "theta": {"rad": 1.0, "mrad": 1e-3, "deg": math.pi / 180.0},
+    "x": {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6},
+}
+#: The quantity of each unit.
+QUANTITY_OF = {unit: quantity for quantity, units in TABLE_UNITS.items() for unit in units}
+#: Other spellings, in lower case, compatibility characters replaced (NFKC).
+_SPELLINGS = {
+    "s": "sec secs second seconds",
+    "ms": "msec msecs millisecond milliseconds",
+    "us": "\u03bcs usec microsecond microseconds",
+    "rad": "radian radians",
+    "mrad": "milliradian milliradians",
+    "deg": "° degs degree degrees",
+    "m": "meter meters metre metres",
+    "cm": "centimeter centimeters centimetre centimetres",
+    "mm": "millimeter millimeters millimetre millimetres",
+    "um": "\u03bcm micron microns",
+}
+_UNIT_OF = {spelling: unit for unit, others in _SPELLINGS.items() for spelling in (unit, *others.split())}
+_WORDS = {
+    **dict.fromkeys("t time times timestamp elapsed zeit temps tiempo tempo".split(), "t"),
+    **dict.fromkeys("theta θ th angle angles ang phi φ deflection winkel ángulo angolo".split(), "theta"),
+    **dict.fromkeys("x xpos pos position displacement disp auslenkung".split(), "x"),
+    **dict.fromkeys("frame frames step index idx sample image".split(), "frame"),
+}
+_BOB_WORDS = frozenset("bob ball mass pendulum sphere bead kugel".split())
+_FILLERS = frozenset("of in the from at rest horizontal".split())
+#: What is typed for the sign of degrees.
+_DEGREES = str.maketrans("º˚", "°°")
+_BRACKETS = re.compile(r"[\[(]\s*([^\])]*?)\s*[\])]")
+#: "Run 1: Time" of Logger Pro, "Time Run #1" of Capstone.
+_RUN = re.compile(r"^[^:]*:(?=\s*\S)|\brun\s*#?\s*\d+")
+
+
+@dataclass(frozen=True)
+class Meaning:
+    """What a label means.
+
+    quantity: "t", "frame", "theta" or "x", or "" of a bob whose column does not say which; bob: its number, None if
+    the label has none; unit: a key of `TABLE_UNITS`, None if the label states none; odd_unit: one that it states and
+    that is not known.
+    """
+
+    quantity: str
+    bob: int | None = None
+    unit: str | None = None
+    odd_unit: str | None = None
+
+
+def unit_named(text: str) -> str | None:
+    """The unit with this spelling; None if there is none.
+
+    >>> unit_named("(Degrees)")
+    'deg'
+    """
+    return _UNIT_OF.get(_plain(text).strip(" [](){}"))
+
+
+def meaning_of(label: str) -> Meaning | None:
+    """What a label means; None if it is neither of time nor of a bob, as far as its words tell.
+
+    Every word must be known: "Angle 1 error" and "x velocity" are other things than angles and positions.
+
+    >>> meaning_of("Angle 1 (deg)")
+    Meaning(quantity='theta', bob=1, unit='deg', odd_unit=None)
+    """
+    text, unit, odd = _RUN.sub(" ", _plain(label)), None, None
+    for inside in _BRACKETS.findall(text):
+        if inside in _UNIT_OF:
+            unit = _UNIT_OF[inside]
+        elif inside and not inside.isdigit():
+            odd = inside
+    text = _BRACKETS.sub(lambda match: f" {match[1]} " if match[1].isdigit() else " ", text)
+    tokens = re.findall(r"°|[^\W\d_]+|\d+", text)
+    if unit is None and odd is None:  # theta_1_deg, theta_deg_1, time_s
+        named = [
+            token for i, token in enumerate(tokens, 1) if token in _UNIT_OF and (len(token) > 1 or i == len(tokens))
+        ]
+        if len(named) == 1:
+            unit = _UNIT_OF[named[0]]
+            tokens.remove(named[0])
+    return _meaning(tokens, unit, odd)
+
+
+def same_label(a: str, b: str) -> bool:
+    """Whether two labels differ at most in case, spaces and compatibility characters."""
+    return "".join(_plain(a).split()) == "".join(_plain(b).split())
+
+
+def _plain(text: str) -> str:
+    return unicodedata.normalize("NFKC", text.translate(_DEGREES)).casefold().strip()
+
+
+def _meaning(tokens: list[str], unit: str | None, odd: str | None) -> Meaning | None:
+    numbers = [int(token) for token in tokens if token.isdecimal()]
+    words = [token for token in tokens if not token.isdecimal() and token not in _FILLERS]
+    if len(numbers) > 1 or any(number > 10**6 for number in numbers):
+        return None
+    for bob_word, letter in itertools.pairwise(words):
+        if bob_word in _BOB_WORDS and re.fullmatch("[a-h]", letter) and not numbers:  # mass A is the first
+            numbers = [ord(letter) - ord("a") + 1]
+            words.remove(letter)
+    quantities = {_WORDS[word] for word in words if word in _WORDS}
+    if len(quantities) > 1 or not all(word in _WORDS or word in _BOB_WORDS for word in words):
+        return None
+    of_unit = QUANTITY_OF.get(unit or "")
+    bob = numbers[0] if numbers else None
+    if quantities:
+        (quantity,) = quantities
+        if of_unit not in (None, quantity):
+            odd = unit if odd is None else odd
+            unit = None
+    elif words or of_unit:  # "Ball 1", "Ball 1 (mm)", "ms"
+        quantity = of_unit or ""
+    else:
+        return None
+    if quantity in ("t", "frame") and (bob is not None or any(word in _BOB_WORDS for word in words)):
+        return None
+    return Meaning(quantity, bob, unit, odd)

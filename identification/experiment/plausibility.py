@@ -1,0 +1,164 @@
+"""What readings tell of themselves: the period of the swing, units that cannot be, the origin, and the side."""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from cradle_env.cradle import Cradle
+from identification.experiment.column_meaning import TABLE_UNITS
+from identification.experiment.recording import Recording
+from identification.experiment.table_columns import Columns, named
+from identification.storage.files import ExperimentError
+
+#: Periods [s] of cradles, of strings from 2.5 mm to 100 m.
+_SHORTEST, _LONGEST = 0.1, 20.0
+#: Readings that the period is told from at most, and at least; swings in them; readings in each swing.
+_MOST, _LEAST, _SWINGS, _PER_SWING = 2**14, 32, 2.0, 6.0
+#: A swing has this part of the variance within this part of its frequency; white noise less than a fourth of that.
+_SHARE, _BAND = 0.4, 0.15
+#: Steps of the periodogram in what the length of the data resolves.
+_FINER = 8
+#: Largest angle [rad] and displacement [m] that are read; beyond, the unit is wrong.
+_FARTHEST = {"theta": 2.0 * math.pi, "x": 2.0}
+#: Readings that stay away from 0 by this part of the widest swing are counted from elsewhere.
+_AWAY = 0.3
+#: Bobs cannot pass each other: readings in which they come closer this many times as far as they part are mirrored.
+_PASSED = 4.0
+
+
+@dataclass(frozen=True)
+class Stated:
+    """The units that a file states, of its times and of its readings; None: none."""
+
+    time: str | None
+    readings: str | None
+
+
+def swing_period(recording: Recording) -> float | None:
+    """The period [s] of the bob that swings widest, by the peak of its periodogram; None if no swing stands out.
+
+    It is good to a few per cent. It needs 2 swings of 6 readings each.
+    """
+    moved = recording.displacements()
+    widths = _widths(moved)
+    if not len(widths) or not np.nanmax(widths, initial=0.0) > 0.0:
+        return None
+    bob = int(np.nanargmax(widths))
+    seen = np.flatnonzero(~np.isnan(moved[:, bob]))[:_MOST]
+    t, x = recording.times[seen], moved[seen, bob]
+    if len(t) < _LEAST:
+        return None
+    x = np.interp(np.linspace(t[0], t[-1], len(t)), t, x)
+    window = np.hanning(len(t))  # else the ends bias the peak
+    x = window * (x - np.average(x, weights=window))
+    power = np.abs(np.fft.rfft(x, _FINER * len(t))) ** 2
+    swings = np.arange(len(power)) / _FINER  # in the whole
+    power[(swings < _SWINGS) | (swings > len(t) / _PER_SWING)] = 0.0
+    peak = swings[int(np.argmax(power))]
+    near = power[np.abs(swings - peak) <= max(_BAND * peak, 2.0)].sum()
+    whole = 0.5 * _FINER * len(t) * np.square(x).sum()  # Parseval, of positive frequencies
+    return float((t[-1] - t[0]) / peak) if near > _SHARE * whole else None
+
+
+def settled(recording: Recording, stated: Stated, columns: Columns) -> tuple[Recording, list[str]]:
+    """The recording in the units and from the origin that its readings tell, and what was changed, in words.
+
+    recording: in SI units, by `stated`, or by the default units where nothing is stated. A unit that nobody states is
+    replaced if it cannot be and another can; one in the file, that cannot be, is refused with the option that helps;
+    one that the user states stays.
+
+    Raises ExperimentError if a unit is wrong and it is for the user to say which is right.
+    """
+    recording, told = _with_likely_time(recording, stated, columns)
+    period = swing_period(recording)
+    if period is not None and not recording.absolute and _away(recording):
+        recording = dataclasses.replace(recording, absolute=True)
+        told.append("readings are not counted from where the bobs rest: the median of each is taken for its rest")
+    recording, of_size = _with_likely_readings(recording, stated, columns)
+    if period is not None:
+        length = Cradle.gravity * (period / (2.0 * math.pi)) ** 2
+        told.append(f"a swing takes {period:.3g} s: that of a pendulum of {length:.2g} m")
+    return recording, [*of_size, *told]
+
+
+def seems_mirrored(recording: Recording) -> bool:
+    """Whether bobs seem to pass each other, and would not if all signs were turned."""
+    moved = recording.displacements()
+    columns = [column for column in moved.T if not np.isnan(column).all()]
+    apart = np.concatenate([b - a for a, b in itertools.pairwise(columns)] or [np.empty(0)])
+    apart = apart[~np.isnan(apart)]
+    if len(apart) < _LEAST:
+        return False
+    closer, farther = np.quantile(apart, [0.01, 0.99])
+    return bool(-closer > _PASSED * max(farther, 0.0) and -closer > 0.1 * np.nanmax(_widths(moved)))
+
+
+def _widths(moved: np.ndarray) -> np.ndarray:
+    """From the lowest to the highest reading of each bob, (N,); nan of one that has none."""
+    seen = ~np.isnan(moved)
+    high = np.max(moved, axis=0, where=seen, initial=-np.inf)
+    low = np.min(moved, axis=0, where=seen, initial=np.inf)
+    return np.where(seen.any(axis=0), high - low, np.nan)
+
+
+def _away(recording: Recording) -> bool:
+    widest = np.nanmax(_widths(recording.readings))
+    return any(
+        np.nanmin(column) > _AWAY * widest or np.nanmax(column) < -_AWAY * widest
+        for column in recording.readings.T
+        if not np.isnan(column).all()
+    )
+
+
+def _with_likely_time(recording: Recording, stated: Stated, columns: Columns) -> tuple[Recording, list[str]]:
+    period = swing_period(recording)
+    if period is None or _SHORTEST <= period <= _LONGEST or columns.time_unit or columns.rate:
+        return recording, []
+    now = stated.time or "s"
+    of_unit = {unit: period * scale / TABLE_UNITS["t"][now] for unit, scale in TABLE_UNITS["t"].items()}
+    fits = [unit for unit, found in of_unit.items() if _SHORTEST <= found <= _LONGEST]
+    if not fits:
+        return recording, [f"no cradle swings in {period:.3g} s: check the times"]
+    (unit,) = fits
+    swing = f"in {now} a swing would take {period:.4g} s, in {unit} {of_unit[unit]:.3g} s"
+    if stated.time is not None:
+        raise ExperimentError(
+            f"{recording.name}: the times seem to be in {unit}, not in {now}: {swing}; add --unit {unit}, or --unit"
+            f" {now} if they are right"
+        )
+    times = recording.times * (TABLE_UNITS["t"][unit] / TABLE_UNITS["t"][now])
+    return dataclasses.replace(recording, times=times), [f"times are read in {unit}: {swing}"]
+
+
+def _with_likely_readings(recording: Recording, stated: Stated, columns: Columns) -> tuple[Recording, list[str]]:
+    moved = np.abs(np.nan_to_num(recording.displacements()))
+    row, bob = map(int, np.unravel_index(np.argmax(moved), moved.shape))
+    largest, quantity = float(moved[row, bob]), recording.quantity
+    units, farthest = TABLE_UNITS[quantity], _FARTHEST[quantity]
+    si, likely = ("rad", "deg") if quantity == "theta" else ("m", "mm")
+    now = columns.reading_unit or stated.readings
+    if now is None and quantity == "theta" and largest > (0.5 * math.pi if moved.shape[1] > 1 else farthest):
+        readings = recording.readings * units["deg"]
+        recording = dataclasses.replace(recording, readings=readings)
+        told = f"angles are read in deg: in rad they would reach {largest:.4g}"
+        largest, now = largest * units["deg"], "deg"
+    elif now is None:
+        told = f"no unit is stated: readings are read in {si}, up to {largest:.3g}; --unit states another"
+    else:
+        told = ""
+    if largest <= farthest:
+        return recording, [told] if told else []
+    in_file = largest / units[now or si]
+    others = [unit for unit, scale in units.items() if in_file * scale <= farthest and scale < units[now or si]]
+    remedy = f"add --unit {likely if likely in others else others[0]}" if others else "check the unit"
+    if now is None and len(others) > 1:
+        remedy += f", or {', '.join(unit for unit in others if unit != likely)}"
+    raise ExperimentError(
+        f"{recording.name}, line {recording.lines[row, bob]}, column {named([recording.labels[bob]])}: {in_file:.6g}"
+        f" {now or si} is beyond {'a full turn' if quantity == 'theta' else f'{farthest:g} m'}; {remedy}"
+    )

@@ -1,0 +1,76 @@
+"""Rows of a table in order of time, each instant once."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+
+from identification.storage.files import ExperimentError
+
+#: Rows in a part that runs forward, and of it beside another part, from which on these are two recordings.
+_PART = 8
+
+
+def ordered(
+    name: str, times: np.ndarray, readings: np.ndarray, rows: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[str]]:
+    """Rows sorted by time (T,) [s], those of one instant as one; and what was done, in words.
+
+    readings: (T, N), nan where missing; rows: (T,), the line of each in the file. Rows of one instant may repeat or
+    complete each other.
+
+    Raises ExperimentError if a time is missing, if rows of one instant differ, or if the times start over.
+    """
+    done = []
+    missing = np.flatnonzero(np.isnan(times))
+    if len(missing):
+        raise ExperimentError(f"{name}, line {rows[missing[0]]}: no time; each row needs one")
+    back = np.flatnonzero(times[1:] < times[:-1])
+    if len(back):
+        _check_one_recording(name, times, rows, back + 1)
+        order = np.argsort(times, kind="stable")
+        done.append(f"sorted by time: line {rows[back[0] + 1]} is the first out of order")
+        times, readings, rows = times[order], readings[order], rows[order]
+    first = np.flatnonzero(np.r_[True, times[1:] > times[:-1]])
+    if len(first) < len(times):
+        readings = _joined(name, times, readings, rows, first)
+        repeated = np.setdiff1d(np.arange(len(times)), first)
+        what = f"{len(repeated)} row{'s' if len(repeated) > 1 else ''}"
+        done.append(f"dropped {what} of an instant that another row has: line {rows[repeated].min()} is the first")
+        times, rows = times[first], rows[first]
+    return times, readings, rows, done
+
+
+def _check_one_recording(name: str, times: np.ndarray, rows: np.ndarray, starts: np.ndarray) -> None:
+    """Refuses parts that run forward beside each other: rows sorted by time would mix two recordings."""
+    bounds = np.r_[0, starts, len(times)]
+    latest = None
+    for begin, end in itertools.pairwise(bounds):
+        part = times[begin:end]
+        if len(part) < _PART:
+            continue
+        if latest is not None:
+            beside = min(np.sum(latest >= part[0]), np.sum(part <= latest[-1]))
+            if beside >= _PART and part[0] <= latest[-1] and latest[0] <= part[-1]:
+                raise ExperimentError(
+                    f"{name}, line {rows[begin]}: the time starts over, {part[0]:g} s after {times[begin - 1]:g} s;"
+                    " put each recording in a file of its own"
+                )
+        latest = part
+
+
+def _joined(name: str, times: np.ndarray, readings: np.ndarray, rows: np.ndarray, first: np.ndarray) -> np.ndarray:
+    """The readings of each instant, from all of its rows; `first`: where an instant begins."""
+    low, high = (f.reduceat(readings, first, axis=0) for f in (np.fmin, np.fmax))
+    differ = np.argwhere(low < high)
+    if len(differ):
+        instant, bob = differ[0]
+        end = first[instant + 1] if instant + 1 < len(first) else len(times)
+        at = [i for i in range(first[instant], end) if not np.isnan(readings[i, bob])]
+        other = next(i for i in at if readings[i, bob] != readings[at[0], bob])
+        raise ExperimentError(
+            f"{name}, lines {rows[at[0]]} and {rows[other]}: both at {times[at[0]]:.9g} s, with different readings of"
+            f" bob {bob + 1}; keep one, or write the times with more digits"
+        )
+    return low

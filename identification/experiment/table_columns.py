@@ -1,0 +1,224 @@
+"""Which column of a table is the time, and which are bobs: by the meaning of the labels, or as the user says."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+from cradle_env.errors import check_range, one_line, unknown_key
+from identification.experiment.column_meaning import QUANTITY_OF, TABLE_UNITS, Meaning, meaning_of, same_label
+from identification.storage.files import ExperimentError
+
+#: Columns that a message names at most, and bobs of a cradle.
+_NAMED, _MOST_BOBS = 8, 200
+
+
+@dataclass(frozen=True)
+class Columns:
+    """What the user says of a table; all that is left out is taken from its labels.
+
+    time: the label of the column of time; bobs: that of each bob's column, by its number, if given the only bobs that
+    are read; units: of the times or of the readings, whatever the file says; rate: frames per second [1/s], where a
+    column counts frames in place of a time.
+
+    Raises ValueError for a unit or a rate that cannot be.
+    """
+
+    time: str | None = None
+    bobs: Mapping[int, str] = field(default_factory=dict)
+    units: Sequence[str] = ()
+    rate: float | None = None
+
+    def __post_init__(self) -> None:
+        for unit in self.units:
+            if unit not in QUANTITY_OF:
+                raise ValueError(unknown_key("unit", unit, QUANTITY_OF))
+        if len(self.units) > 1 and len({QUANTITY_OF[unit] == "t" for unit in self.units}) < len(self.units):
+            raise ValueError(f"units are {' and '.join(self.units)}; give one of time and one of the readings")
+        for bob in self.bobs:
+            if not 1 <= bob <= _MOST_BOBS:
+                raise ValueError(f"bob is {bob}; bobs are numbered from 1 to {_MOST_BOBS}")
+        if self.rate is not None:
+            check_range("rate", self.rate, "frames per second", 0.0, above=True)
+
+    @property
+    def time_unit(self) -> str | None:
+        """The unit of time that the user states."""
+        return next((unit for unit in self.units if QUANTITY_OF[unit] == "t"), None)
+
+    @property
+    def reading_unit(self) -> str | None:
+        """The unit of readings that the user states."""
+        return next((unit for unit in self.units if QUANTITY_OF[unit] != "t"), None)
+
+    @property
+    def any(self) -> bool:
+        """Whether the user says anything."""
+        return self != Columns()
+
+
+@dataclass(frozen=True)
+class Assigned:
+    """The columns that are read, by their place in a row.
+
+    clock: that of the time, and clock_unit, None where none is stated, "frame" where it counts frames; bobs:
+    {number: (place, unit or None)}; quantity: "theta" or "x"; ignored: the places of all others.
+    """
+
+    clock: int
+    clock_unit: str | None
+    bobs: dict[int, tuple[int, str | None]]
+    quantity: str
+    ignored: tuple[int, ...]
+    notes: tuple[str, ...]
+
+
+def assign(at: str, labels: Sequence[str], units: Sequence[str | None], columns: Columns) -> Assigned:
+    """The columns of a table with these labels, and units in a row below them; `at` begins messages.
+
+    Raises ExperimentError if none is of time or of a bob, or if two could be.
+    """
+    meanings = [meaning_of(label) for label in labels]
+    for i, unit in enumerate(units):
+        meaning = meanings[i]
+        if meaning is not None and unit is not None and meaning.unit is None:
+            fits = meaning.quantity in ("", QUANTITY_OF.get(unit))
+            quantity = meaning.quantity or QUANTITY_OF.get(unit, "")
+            meanings[i] = Meaning(quantity, meaning.bob, unit if fits else None, None if fits else unit)
+    clock, clock_unit = _clock(at, labels, meanings, columns)
+    found, quantity, notes = _bobs(at, labels, meanings, clock, columns)
+    used = {clock, *(place for place, _ in found.values())}
+    return Assigned(
+        clock, clock_unit, found, quantity, tuple(i for i in range(len(labels)) if i not in used), tuple(notes)
+    )
+
+
+def place_of(at: str, labels: Sequence[str], name: str) -> int:
+    """The place of the column that the user names; ExperimentError if there is none, or more than one."""
+    places = [i for i, label in enumerate(labels) if label == name] or [
+        i for i, label in enumerate(labels) if same_label(label, name)
+    ]
+    if not places:
+        raise ExperimentError(f"{at}: {unknown_key('column', name, [label for label in labels if label])}")
+    if len(places) > 1:
+        raise ExperimentError(f"{at}: {len(places)} columns are called {one_line(name)}; give them different names")
+    return places[0]
+
+
+def named(labels: Sequence[str]) -> str:
+    """Labels as a message shows them."""
+    shown = [f'"{one_line(label)[1:-1]}"' for label in labels if label]
+    more = f" and {len(shown) - _NAMED} more" if len(shown) > _NAMED else ""
+    return ", ".join(shown[:_NAMED]) + more
+
+
+def _clock(
+    at: str, labels: Sequence[str], meanings: Sequence[Meaning | None], columns: Columns
+) -> tuple[int, str | None]:
+    if columns.time is not None:
+        place = place_of(at, labels, columns.time)
+        meaning = meanings[place]
+        if columns.rate is not None:
+            return place, "frame"
+        stated = None if meaning is None or meaning.quantity != "t" else meaning.unit
+        return place, columns.time_unit or stated
+    by_kind = {kind: [i for i, m in enumerate(meanings) if m and m.quantity == kind] for kind in ("t", "frame")}
+    if columns.rate is not None and by_kind["frame"]:
+        return by_kind["frame"][0], "frame"
+    times = by_kind["t"]
+    if not times and by_kind["frame"]:
+        frames = named([labels[by_kind["frame"][0]]])
+        raise ExperimentError(f"{at}: no column of time, only {frames}; add --rate FRAMES_PER_SECOND")
+    if not times:
+        raise ExperimentError(f'{at}: no column of time among {named(labels)}; say which it is: --time "NAME"')
+    if len(times) > 1:
+        both = named([labels[i] for i in times])
+        raise ExperimentError(f'{at}: {both} are columns of time; say which to read: --time "NAME"')
+    meaning = meanings[times[0]]
+    assert meaning is not None
+    if meaning.odd_unit is not None and columns.time_unit is None:
+        raise ExperimentError(_odd(at, labels[times[0]], meaning.odd_unit, ("t",)))
+    return times[0], columns.time_unit or meaning.unit
+
+
+def _odd(at: str, label: str, unit: str, quantities: Sequence[str]) -> str:
+    known = [known for quantity in quantities for known in TABLE_UNITS[quantity]]
+    remedy = "a pixel's size in m turns them into lengths" if unit in ("px", "pixel", "pixels") else "say it"
+    return f"{at}, column {named([label])}: unknown unit {one_line(unit)}; {remedy}: --unit {' or '.join(known)}"
+
+
+def _bobs(
+    at: str, labels: Sequence[str], meanings: Sequence[Meaning | None], clock: int, columns: Columns
+) -> tuple[dict[int, tuple[int, str | None]], str, list[str]]:
+    """{number: (place, unit)}, the quantity, and what else was understood."""
+    stated = columns.reading_unit
+    places: dict[int, int] = {}
+    if columns.bobs:
+        places = {bob: place_of(at, labels, name) for bob, name in columns.bobs.items()}
+        if len({clock, *places.values()}) <= len(places):
+            raise ExperimentError(f"{at}: a column is named twice among --time and --bob; name each once")
+        chosen = [dataclasses.replace(meanings[i] or Meaning(""), bob=bob) for bob, i in places.items()]
+        candidates = list(zip(places.values(), chosen, strict=True))
+    else:
+        candidates = [(i, m) for i, m in enumerate(meanings) if i != clock and m and m.quantity not in ("t", "frame")]
+    if not candidates:
+        raise ExperimentError(
+            f'{at}: no column of a bob among {named(labels)}; say which they are: --bob 1="NAME" --bob 2="NAME"'
+        )
+    quantity = QUANTITY_OF[stated] if stated else _quantity(at, labels, candidates)
+    others = [i for i, m in candidates if m.quantity not in ("", quantity)]
+    if columns.bobs and others and not stated:
+        raise ExperimentError(
+            f"{at}: {named([labels[i] for i in places.values()])} mix angles and displacements; keep to either"
+        )
+    if not columns.bobs:
+        candidates = [(i, m) for i, m in candidates if i not in others]
+    if not candidates:
+        raise ExperimentError(f"{at}: no column of a bob in {stated} among {named(labels)}; give another --unit")
+    candidates, notes = _numbered(at, labels, candidates)
+    found: dict[int, tuple[int, str | None]] = {}
+    usable = {m.bob for _, m in candidates if stated or m.odd_unit is None}
+    for i, m in candidates:
+        assert m.bob is not None
+        if stated is None and m.odd_unit is not None:
+            if m.bob not in usable:
+                raise ExperimentError(_odd(at, labels[i], m.odd_unit, (quantity,)))
+            continue
+        if m.bob in found:
+            both = named([labels[found[m.bob][0]], labels[i]])
+            raise ExperimentError(f'{at}: {both} are both of bob {m.bob}; say which to read: --bob {m.bob}="NAME"')
+        if not 1 <= m.bob <= _MOST_BOBS:
+            raise ExperimentError(
+                f"{at}, column {named([labels[i]])}: there is no bob {m.bob}; bobs are numbered from 1 to {_MOST_BOBS};"
+                ' say which it is: --bob 1="NAME"'
+            )
+        found[m.bob] = i, stated or m.unit
+    return found, quantity, notes
+
+
+def _quantity(at: str, labels: Sequence[str], candidates: Sequence[tuple[int, Meaning]]) -> str:
+    """Angles or displacements, whichever more bobs have; angles if as many have both."""
+    count = Counter(m.quantity for _, m in candidates)
+    if not count["theta"] and not count["x"]:
+        raise ExperimentError(
+            f"{at}, column {named([labels[candidates[0][0]]])}: angle or displacement? say its unit:"
+            f" --unit {' or '.join(unit for unit, quantity in QUANTITY_OF.items() if quantity != 't')}"
+        )
+    return "theta" if count["theta"] >= count["x"] else "x"
+
+
+def _numbered(
+    at: str, labels: Sequence[str], candidates: list[tuple[int, Meaning]]
+) -> tuple[list[tuple[int, Meaning]], list[str]]:
+    """Candidates with a number each, from 1."""
+    bare = [i for i, m in candidates if m.bob is None]
+    if len(bare) > 1 or (bare and len(candidates) > 1):
+        raise ExperimentError(
+            f"{at}: {named([labels[i] for i in bare])} {'do' if len(bare) > 1 else 'does'} not say of which bob;"
+            ' say it: --bob 1="NAME" --bob 2="NAME"'
+        )
+    shift = int(any(m.bob == 0 for _, m in candidates))
+    numbered = [(i, dataclasses.replace(m, bob=1 if m.bob is None else m.bob + shift)) for i, m in candidates]
+    return numbered, ["bobs are numbered from 0 in the file, from 1 here"] if shift else []
