@@ -65,6 +65,15 @@ def swing_period(recording: Recording) -> float | None:
     return float((t[-1] - t[0]) / peak) if near > _SHARE * whole else None
 
 
+def pendulum_length(period: float) -> float:
+    """Length [m] of the pendulum with this small-angle period 2π √(r0/g) [s].
+
+    >>> round(pendulum_length(1.0), 3)
+    0.248
+    """
+    return Cradle.gravity * (period / (2.0 * math.pi)) ** 2
+
+
 def settled(recording: Recording, stated: Stated, columns: Columns) -> tuple[Recording, list[str]]:
     """The recording in the units and from the origin that its readings tell, and what was changed, in words.
 
@@ -81,8 +90,7 @@ def settled(recording: Recording, stated: Stated, columns: Columns) -> tuple[Rec
         told.append("readings are not counted from where the bobs rest: the median of each is taken for its rest")
     recording, of_size = _with_likely_readings(recording, stated, columns)
     if period is not None:
-        length = Cradle.gravity * (period / (2.0 * math.pi)) ** 2
-        told.append(f"a swing takes {period:.3g} s: that of a pendulum of {length:.2g} m")
+        told.append(f"a swing takes {period:.3g} s: that of a pendulum of {pendulum_length(period):.2g} m")
     return recording, [*of_size, *told]
 
 

@@ -13,7 +13,7 @@ from cradle_env.cradle import Cradle
 from identification.experiment.csv_file import csv_text
 from identification.experiment.experiment import Experiment
 from identification.experiment.experiment_file import FILE_NAME, FORMAT
-from identification.experiment.plausibility import seems_mirrored
+from identification.experiment.plausibility import pendulum_length, seems_mirrored, swing_period
 from identification.experiment.recording import Recording
 from identification.experiment.table_columns import Columns
 from identification.experiment.table_reader import mirrored, read_table
@@ -23,8 +23,9 @@ from identification.storage.toml_table import toml_text
 
 #: How a data file begins that was written here, and may be overwritten.
 _MARK = "# Written by cradle new"
-#: How well the first rows tell an angle [rad], and the share of itself by which a guessed length is off; 1 sigma.
-_ANGLE_SD, _LENGTH_SD = 0.002, 0.5
+#: How well the first rows tell an angle [rad], and the part of itself by which a guessed length is off, without and
+#: with a period that was seen; 1 sigma.
+_ANGLE_SD, _LENGTH_SD, _PERIOD_SD = 0.002, 0.5, 0.03
 #: Parts of its way to rest that a bob has gone while it still counts as held, and once it surely swings; and how many
 #: times as long as from one to the other it may take to the first if it is let go at once: on a cosine 0.76.
 _STILL, _SWINGS, _AT_ONCE = 0.1, 0.5, 1.5
@@ -126,9 +127,7 @@ def scaffold_text(recording: Recording, file: str) -> str:
     default = Cradle(bobs=bobs)
     moved = recording.displacements()
     widest = float(np.max(np.abs(moved), initial=0.0, where=~np.isnan(moved)))
-    length = default.length
-    if recording.quantity == "x" and widest < 2.0:  # beyond, the unit is wrong, and is refused
-        length = max(length, math.ceil(150.0 * widest) / 100.0)
+    length, length_sd, known_by = _guessed_length(recording, widest, default.length)
     lifted, before = _lifted(recording, moved, widest), recording.times < -_NOW
     if lifted and before.any():  # what follows is of the motion
         recording, moved = dataclasses.replace(
@@ -155,7 +154,7 @@ def scaffold_text(recording: Recording, file: str) -> str:
         "# What is known of the cradle, in SI units. Every entry is a guess: check it.",
         "[cradle]",
         f"bobs = {bobs}  # the highest bob in the data; count those that were not seen too",
-        f"length = {length:g}  # m, from the pivot to the centre of a bob; measure it",
+        f"length = {length:g}  # m, from the pivot to the centre of a bob; {known_by}measure it",
         f"pivot_half_spacing = {default.pivot_half_spacing:g}  # m, half the distance between a bob's two pivots",
         f"mass = {default.mass:g}  # kg, of one bob; weigh it",
         f"radius = {default.radius:g}  # m, of a bob",
@@ -169,7 +168,7 @@ def scaffold_text(recording: Recording, file: str) -> str:
         "",
         "[[run]]",
         f"file = {toml_text(file)}",
-        *_release_lines(angles, bobs, *_angle_sd(recording, lifted, length), held),
+        *_release_lines(angles, bobs, *_angle_sd(recording, lifted, length, length_sd), held),
         "delta = 0.0  # gap between pivots over the diameter of a bob, less 1: 0 where bobs just touch at rest",
         f"# noise = {0.001 / recording.scale:.3g}  # {unit}, 1 sigma of one reading; inferred where omitted",
         fit_from,
@@ -178,11 +177,23 @@ def scaffold_text(recording: Recording, file: str) -> str:
         "",
         "# Unknowns beside k_f, kappa and b; take out the # of what was not measured well.",
         "[infer]",
-        f"# length = {{ mean = {length:g}, sd = {0.01 * length:.2g} }}",
+        f"# length = {{ mean = {length:g}, sd = {(length_sd if known_by else 0.01) * length:.2g} }}",
         "# delta = { low = -0.01, high = 0.01 }",
         "",
     ]
     return "\n".join(lines)
+
+
+def _guessed_length(recording: Recording, widest: float, default: float) -> tuple[float, float, str]:
+    """A length [m], the part of it by which it may be off, and what tells it: the period, if a swing is seen."""
+    period = swing_period(recording)
+    if period is not None:
+        length = float(f"{pendulum_length(period):.3g}")
+        steepest = widest if recording.quantity == "theta" else widest / length
+        if steepest < 2.0:  # else the period says little of the length
+            off = _PERIOD_SD + 0.2 * period / float(np.ptp(recording.times)) + steepest**2 / 16.0
+            return length, off, f"by the period, {period:.3g} s; "
+    return max(default, math.ceil(150.0 * widest) / 100.0 if recording.quantity == "x" else 0.0), _LENGTH_SD, ""
 
 
 def _lifted(recording: Recording, moved: np.ndarray, widest: float) -> dict[int, float]:
@@ -224,7 +235,7 @@ def _held(recording: Recording, moved: np.ndarray, lifted: Iterable[int]) -> tup
     return max(found, default=None)
 
 
-def _angle_sd(recording: Recording, lifted: Mapping[int, float], length: float) -> tuple[float, str]:
+def _angle_sd(recording: Recording, lifted: Mapping[int, float], length: float, length_sd: float) -> tuple[float, str]:
     """How well the release angle is known [rad], and what to tell of it."""
     if recording.quantity != "x" or not lifted:
         return _ANGLE_SD, "from the first rows; check"
@@ -239,7 +250,7 @@ def _angle_sd(recording: Recording, lifted: Mapping[int, float], length: float) 
         f"from the first rows: asin({x:.4g} m / length), as uncertain as length is while it is a guess;"
         f" state both anew once it is measured, angle_sd = {then:.1g} then{of_rest}"
     )
-    return math.hypot(then, _LENGTH_SD * x * slope), told
+    return math.hypot(then, length_sd * x * slope), told
 
 
 def _release_lines(

@@ -6,6 +6,7 @@ import pytest
 from identification.cli.app import main
 from identification.experiment.csv_file import read_recording
 from identification.experiment.experiment import Experiment
+from tests.paths import DATA
 
 T = np.arange(0.0, 11.0, 1.0 / 60.0)
 #: Two bobs that take turns, the second released at 0.2 rad; rad.
@@ -51,6 +52,34 @@ def test_what_was_understood_is_printed_and_written(tmp_path, capsys):
     strict = (out / "swing-si.csv").read_text(encoding="utf-8").splitlines()
     assert strict[0] == '# Written by cradle new from "swing.csv"' and '# t [s] is "Time (s)"' in strict
     assert "t [s],theta_1 [rad],theta_2 [rad]" in strict
+
+
+@pytest.mark.parametrize("length", [0.1, 0.3, 1.0])
+@pytest.mark.parametrize("scale, label", [(1.0, "theta_{} [rad]"), (1e3, "x_{} [mm]")])
+def test_the_period_tells_the_length(length, scale, label, tmp_path, capsys):
+    swing = 0.2 * np.cos(np.sqrt(9.81 / length) * T)
+    theta = np.column_stack([np.minimum(swing, 0.0), np.maximum(swing, 0.0)])
+    file = table(
+        tmp_path, f"t [s],{label.format(1)},{label.format(2)}", T, theta * (length * scale if scale > 1 else 1.0)
+    )
+    assert run(capsys, file)[0] == 0
+    path = tmp_path / "experiment.toml"
+    prior = "[infer]\n# length = "
+    text = path.read_text(encoding="utf-8")
+    assert prior in text and "by the period, " in text
+    path.write_text(text.replace(prior, prior.replace("# ", "")), encoding="utf-8")
+    experiment = Experiment.load(path)
+    assert experiment.cradle.length == pytest.approx(length, rel=0.04)
+    assert abs(experiment.infer["length"].mean - length) < 2.0 * experiment.infer["length"].sd < 0.2 * length
+    assert experiment.runs[0].release.release.angle == pytest.approx(0.2, rel=0.05)
+
+
+@pytest.mark.skipif(not DATA.is_dir(), reason="measured data are not at hand")
+@pytest.mark.parametrize("kind, length", [("real-cradle-5", 0.133), ("reference/plain-5", 0.3)])
+def test_measured_runs_get_their_length(kind, length, tmp_path, capsys):
+    file = next((DATA / kind).glob("*.csv"))
+    assert run(capsys, file, "--out", tmp_path)[0] == 0
+    assert Experiment.load(tmp_path / "experiment.toml").cradle.length == pytest.approx(length, rel=0.04)
 
 
 def test_a_strict_file_is_its_own_data(tmp_path, capsys):
