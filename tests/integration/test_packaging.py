@@ -33,6 +33,15 @@ def test_version_is_the_declared_one():
     assert cradle_env.__version__ == metadata.version("newtons-cradle") == PROJECT["version"]
 
 
+def test_the_citation_is_of_this_version():
+    text = (ROOT / "CITATION.cff").read_text(encoding="utf-8")
+    assert re.search(r"^version: (.+)$", text, re.MULTILINE).group(1) == PROJECT["version"]
+
+
+def test_both_packages_say_that_they_are_typed():
+    assert all((ROOT / package / "py.typed").is_file() for package in ("cradle_env", "identification"))
+
+
 def test_command_is_installed():
     (command,) = metadata.entry_points(group="console_scripts", name="cradle")
     assert callable(command.load())
