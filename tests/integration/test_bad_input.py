@@ -24,6 +24,7 @@ from identification.diagnosis.stepwise import examine
 from identification.inference.fit_result import Fitted, with_known_noise
 from identification.inference.likelihood import Likelihood
 from identification.reporting import terminal
+from identification.storage.schema import check
 from tests.paths import DATA as SHARED
 from tests.reference.laboratory import Recording, drop_frames, lose_track, record, tracking_jump, write_experiment
 from tests.reference.soft_contact import SoftCradle
@@ -153,6 +154,7 @@ def test_one_bob_hidden_for_a_while(tmp_path, good, capsys, small_grid):
     warning = "run1.csv: bob 1 is not seen from 3.983 to 7.017 s"
     assert warning in capsys.readouterr().err
     content = json.loads((tmp_path / "diagnosis.json").read_text(encoding="utf-8"))
+    check(content, "diagnosis", "diagnosis.json")
     assert content["verdict"] == "nothing_missing" and content["warnings"] == [warning]
     assert warning in (tmp_path / "report.html").read_text(encoding="utf-8")
 

@@ -18,6 +18,7 @@ from identification.diagnosis.selection.candidates import candidates
 from identification.diagnosis.selection.search import Searcher, Store
 from identification.inference.fit_result import with_known_noise
 from identification.storage.files import write_listed
+from identification.storage.schema import check
 from tests.reference.laboratory import record, write_experiment
 from tests.reference.soft_contact import SoftCradle
 
@@ -113,6 +114,7 @@ def test_exact_symmetries_are_told(heavy, small_grid, tmp_path, capsys):
     assert main(["design", str(heavy), "--out", str(tmp_path), *arguments]) == 0
     assert "No experiment of this kind separates added_mass and clock_scale" in capsys.readouterr().out
     content = json.loads((tmp_path / "design.json").read_text(encoding="utf-8"))
+    check(content, "design", "design.json")
     assert content["inseparable"] == [[["added_mass"], ["clock_scale"]]] and content["separates"] == []
     assert content["release"] is None and abs(content["expected_log_bayes"]) < 0.1
     assert "film a clock" in (tmp_path / "report.html").read_text(encoding="utf-8")
