@@ -3,6 +3,7 @@
 #   make slow     the tests that take minutes
 #   make fuzz     try to break the program; about an hour, results in studies/fuzz/results.md
 #   make lint     style, types, and who may import whom
+#   make docs     the documentation, in build/docs; the first time it runs the tutorials, some minutes
 #   make clean    remove what these made
 # Whichever comes first makes a virtual environment, with PYTHON=... if given. JOBS=... sets the test workers.
 
@@ -17,7 +18,7 @@ INSTALL := $(BIN)/python -m pip install -qq --disable-pip-version-check --no-com
 # An environment whose interpreter has been removed or upgraded away starts over.
 $(if $(realpath $(BIN)/python),,$(shell rm -rf $(VENV)))
 
-.PHONY: demo test slow fuzz lint clean
+.PHONY: demo test slow fuzz lint docs clean
 .NOTPARALLEL:
 
 demo: $(VENV)/.installed
@@ -38,6 +39,10 @@ lint: $(VENV)/.installed-dev
 	$(BIN)/lint-imports --no-logo
 	$(BIN)/pyright --pythonpath $(BIN)/python
 
+docs: $(VENV)/.installed-docs
+	PATH="$(abspath $(BIN)):$$PATH" $(BIN)/python -m sphinx -W --keep-going -q -b html docs build/docs
+	@echo "Open build/docs/index.html"
+
 clean:
 	rm -rf $(VENV) build dist out .pytest_cache .ruff_cache .hypothesis .import_linter_cache
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
@@ -51,6 +56,12 @@ $(VENV)/.installed: pyproject.toml | $(BIN)/python
 $(VENV)/.installed-dev: pyproject.toml | $(BIN)/python
 	@echo "Installing newtons-cradle and its test tools into $(VENV) (a minute or two, once)"
 	@$(INSTALL) '.[dev]'
+	@$(BIN)/cradle warmup
+	@touch $(VENV)/.installed $@
+
+$(VENV)/.installed-docs: pyproject.toml | $(BIN)/python
+	@echo "Installing newtons-cradle and its documentation tools into $(VENV) (a minute or two, once)"
+	@$(INSTALL) '.[docs]'
 	@$(BIN)/cradle warmup
 	@touch $(VENV)/.installed $@
 

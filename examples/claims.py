@@ -1,7 +1,7 @@
-"""The table of the paper's claims in the README, made from a run of `cradle reproduce`.
+"""The table of the paper's claims in the documentation, made from a run of `cradle reproduce`.
 
 python examples/claims.py                prints that of the run kept in docs/claims.json
-python examples/claims.py --write DIR    keeps that of `cradle reproduce --out DIR`, and puts it into README.md
+python examples/claims.py --write DIR    keeps that of `cradle reproduce --out DIR`, and puts it into the page
 """
 
 import json
@@ -12,7 +12,7 @@ from pathlib import Path
 from identification.reproduce.run import claims_table
 
 ROOT = Path(__file__).resolve().parents[1]
-README, KEPT = ROOT / "README.md", ROOT / "docs" / "claims.json"
+PAGE, KEPT = ROOT / "docs" / "how-to" / "reproduce-the-paper.md", ROOT / "docs" / "claims.json"
 BEGIN, END = "<!-- claims: made by examples/claims.py -->", "<!-- end of claims -->"
 
 
@@ -22,7 +22,7 @@ def table() -> str:
 
 
 def updated(text: str) -> str:
-    """The README with the table of now."""
+    """The page with the table of now."""
     before, rest = text.split(BEGIN)
     return f"{before}{BEGIN}\n{table()}\n{END}{rest.split(END)[1]}"
 
@@ -30,6 +30,6 @@ def updated(text: str) -> str:
 if __name__ == "__main__":
     if "--write" in sys.argv[1:]:
         shutil.copyfile(Path(sys.argv[-1]) / "claims.json", KEPT)
-        README.write_text(updated(README.read_text(encoding="utf-8")), encoding="utf-8")
+        PAGE.write_text(updated(PAGE.read_text(encoding="utf-8")), encoding="utf-8")
     else:
         print(table())

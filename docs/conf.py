@@ -1,0 +1,58 @@
+"""How Sphinx builds the documentation: `make docs`, offline, every warning an error."""
+
+import hashlib
+import sys
+from importlib.metadata import version as installed_version
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[1]
+
+
+def sources_digest() -> str:
+    """Names the cache of executed notebooks: an edit of the program runs them anew."""
+    digest = hashlib.sha256()
+    for package in ("cradle_env", "identification"):
+        for source in sorted((ROOT / package).rglob("*.py")):
+            digest.update(source.read_bytes())
+    return digest.hexdigest()[:16]
+
+
+sys.path.insert(0, str(ROOT / "docs" / "_ext"))
+
+project = "newtons-cradle"
+author = "The newtons-cradle authors"
+project_copyright = author
+version = release = installed_version("newtons-cradle")
+
+extensions = [
+    "myst_nb",
+    "sphinx.ext.autodoc",
+    "sphinx.ext.napoleon",
+    "sphinx_copybutton",
+    "generated_parts",
+]
+exclude_patterns = ["_build", "_ext"]
+nitpicky = True
+# Types of other packages and of unnamed modules in signatures: they have no page here.
+nitpick_ignore_regex = [(r"py:.*", r".*")]
+
+myst_enable_extensions = ["amsmath", "colon_fence", "dollarmath"]
+myst_heading_anchors = 3
+nb_execution_mode = "cache"
+nb_execution_in_temp = True
+nb_execution_cache_path = str(ROOT / "build" / "notebooks" / sources_digest())
+nb_execution_timeout = 600
+nb_execution_raise_on_error = True
+nb_merge_streams = True
+suppress_warnings = ["myst-nb.lexer"]  # cells that were not run, where execution is off
+
+autodoc_member_order = "bysource"
+autodoc_typehints = "none"
+napoleon_google_docstring = False
+
+html_theme = "furo"
+html_title = f"newtons-cradle {release}"
+html_static_path = ["_static"]
+html_show_sourcelink = False
+copybutton_prompt_text = r">>> |\.\.\. |\$ "
+copybutton_prompt_is_regexp = True
