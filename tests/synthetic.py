@@ -5,12 +5,15 @@ from pathlib import Path
 import numpy as np
 
 from cradle_env import Cradle, Release, simulate
-from identification.diagnosis.selection.search import Searcher, Store, placed
+from identification.diagnosis.selection.search import Searcher, Store
 from identification.experiment.experiment import Experiment
 from identification.experiment.run import ReleaseInfo, Run
+from identification.inference.convergence import Convergence
 from identification.inference.fit_result import Fitted, with_known_noise
+from identification.inference.gap import Gap
 from identification.inference.likelihood import Likelihood
-from identification.inference.posterior import Convergence, Gap, Posterior
+from identification.inference.posterior import Posterior
+from identification.inference.start_points import placed
 from studies.diagnosis.study import SINGLES, Apparatus, Case, Settings
 from tests.reference.laboratory import Recording
 

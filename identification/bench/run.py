@@ -28,7 +28,8 @@ from cradle_env.release import Release
 from cradle_env.simulation import simulate
 from identification.bench import environment, scipy_peer
 from identification.reporting.terminal import Progress, print_table
-from identification.storage.files import check_own, write_json
+from identification.storage.files import write_json
+from identification.storage.stamps import check_own
 
 _FILE, _FORMAT = "bench.json", "cradle-bench/1"
 _ANGLE, _RATE = 0.228, 60.0

@@ -207,7 +207,7 @@ def calibrate(
     from identification.cli import commands
 
     def sampled() -> str:
-        from identification.inference.mcmc import steps_kept
+        from identification.inference.checkpoint import steps_kept
 
         file = out / "chain.h5"
         return f"{steps_kept(file) or 'no'} steps are kept in {file}; the same command goes on"

@@ -22,8 +22,8 @@ from identification.experiment.experiment import Experiment
 from identification.experiment.experiment_file import FILE_NAME
 from identification.experiment.run import ReleaseInfo, Run, checked_noise
 from identification.inference.instrument import Instrument
-from identification.inference.posterior import FORMAT as POSTERIOR_FORMAT
 from identification.inference.posterior import Posterior
+from identification.inference.samples import FORMAT as POSTERIOR_FORMAT
 from identification.reporting import result_files
 from identification.reporting.terminal import Progress, print_table
 from identification.reporting.wording import (
@@ -36,7 +36,8 @@ from identification.reporting.wording import (
     shown,
     unit_plain,
 )
-from identification.storage.files import check_own, check_report, holds_out
+from identification.storage.lock import holds_out
+from identification.storage.stamps import check_own, check_report
 from identification.sweep.grid import EXCLUSIVE, of_other_bobs
 
 if TYPE_CHECKING:

@@ -19,7 +19,8 @@ from identification.inference.unknowns import matters
 from identification.reporting.result_files import cradle_values, release_values
 from identification.reporting.terminal import Progress, print_table
 from identification.reporting.wording import number, unit_plain
-from identification.storage.files import check_own, holds_out, write_listed
+from identification.storage.lock import holds_out
+from identification.storage.stamps import check_own, write_listed
 from identification.sweep import explore
 from identification.sweep.engine import sweep
 from identification.sweep.grid import Grid, describe

@@ -11,8 +11,8 @@ from identification.diagnosis.learned_law.law_shape import Shape
 from identification.diagnosis.residuals.residual_tests import Place
 from identification.diagnosis.result import Diagnosis
 from identification.diagnosis.stepwise import Examined
+from identification.experiment.train_test import training_rows
 from identification.inference.fit_result import Fitted
-from identification.inference.mode_search import training_rows
 from identification.reporting.wording import literal
 
 if TYPE_CHECKING:

@@ -19,7 +19,7 @@ from identification.diagnosis.selection.search import Searcher
 from identification.diagnosis.selection.start_values import standing_in
 from identification.diagnosis.stepwise import SETTLED, Course, Examined, Step
 from identification.inference.fit_result import Fitted
-from identification.inference.mode_search import Progress
+from identification.progress import Progress
 
 #: How many effects may be added.
 _MOST_STEPS = 6

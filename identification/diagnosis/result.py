@@ -24,7 +24,7 @@ from identification.diagnosis.uncertainty.detection_limits import Unseen, unseen
 from identification.diagnosis.uncertainty.intervals import Interval, intervals
 from identification.experiment.experiment import Experiment
 from identification.inference.fit_result import Fitted
-from identification.inference.mode_search import Progress
+from identification.progress import Progress
 from identification.storage.toml_table import toml_key, toml_text
 
 FORMAT = "cradle-diagnosis/1"

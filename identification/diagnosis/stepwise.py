@@ -28,7 +28,7 @@ from identification.diagnosis.selection.model_comparison import (
 from identification.diagnosis.selection.score_test import Scored, score
 from identification.diagnosis.selection.search import Searcher, only_noise
 from identification.inference.fit_result import Fitted
-from identification.inference.mode_search import Progress
+from identification.progress import Progress
 
 #: Replicates of each model.
 _REPLICATES = 400

@@ -19,8 +19,8 @@ from identification.diagnosis.selection.search import Searcher, Store
 from identification.experiment.experiment import Experiment
 from identification.inference.fit_result import Fitted, with_known_noise
 from identification.inference.linear_algebra import on_one_thread
-from identification.inference.mode_search import Progress
-from identification.storage.files import holds_out
+from identification.progress import Progress
+from identification.storage.lock import holds_out
 
 
 @holds_out

@@ -18,7 +18,8 @@ from identification.experiment.recording import Recording
 from identification.experiment.table_columns import Columns
 from identification.experiment.table_reader import mirrored, read_table
 from identification.experiment.text_encoding import decode
-from identification.storage.files import ExperimentError, check_folder, write_together
+from identification.storage.files import ExperimentError, write_together
+from identification.storage.lock import check_folder
 from identification.storage.toml_table import toml_text
 
 #: How a data file begins that was written here, and may be overwritten.

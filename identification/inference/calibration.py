@@ -11,16 +11,22 @@ import numpy as np
 
 from cradle_env.errors import check_range
 from identification.experiment.experiment import Experiment
+from identification.experiment.train_test import training_rows
 from identification.experiment.unit_check import check_unit
+from identification.inference.checkpoint import Chains, Checkpoint
+from identification.inference.gap import Gap
 from identification.inference.impact_order_noise import learned
+from identification.inference.laplace import mode_at
+from identification.inference.least_squares import SEVERAL, jacobian
 from identification.inference.likelihood import Likelihood, rms
 from identification.inference.linear_algebra import on_one_thread
-from identification.inference.mcmc import Chains, Checkpoint, sample
-from identification.inference.mode_search import SEVERAL, Progress, find_mode, jacobian, mode_at, refit, training_rows
+from identification.inference.mcmc import sample
+from identification.inference.mode_search import find_mode, refit
 from identification.inference.nonsmooth import broad_jacobian
-from identification.inference.posterior import Gap, Posterior
+from identification.inference.posterior import Posterior
 from identification.inference.predictive_check import allowed_gap
-from identification.storage.files import holds_out
+from identification.progress import Progress
+from identification.storage.lock import holds_out
 
 
 @holds_out

@@ -13,9 +13,11 @@ from cradle_env.cradle import Cradle
 from cradle_env.effects import LEARNED
 from identification.experiment.experiment import Experiment
 from identification.experiment.noise import estimated_noise, inflation, noise_of
+from identification.experiment.train_test import training_rows
 from identification.inference.impact_order_noise import widened
+from identification.inference.laplace import mode_at
+from identification.inference.least_squares import unit
 from identification.inference.likelihood import Likelihood, rms
-from identification.inference.mode_search import mode_at, training_rows, unit
 from identification.inference.nonsmooth import broad_jacobian, widest
 from identification.inference.predictive_check import allowed_gap
 

@@ -14,8 +14,9 @@ import numpy as np
 
 from cradle_env.simulation import SimulationError
 from cradle_env.threads import in_threads
+from identification.inference.laplace import Mode, mode_at
+from identification.inference.least_squares import SEVERAL, bounds, steps
 from identification.inference.likelihood import Jumps, Likelihood
-from identification.inference.mode_search import SEVERAL, Mode, bounds, mode_at, steps
 from identification.inference.nonsmooth import among_modes, broad_jacobian, descents, nearest, polish
 
 #: Pairs of points about a mode from which the size of jumps is learned, and how often, each time as far out as they

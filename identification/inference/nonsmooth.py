@@ -14,8 +14,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from cradle_env.threads import in_threads
+from identification.inference.least_squares import SEVERAL, bounds, cost, safe_residuals, steps, unit
 from identification.inference.likelihood import Likelihood
-from identification.inference.mode_search import SEVERAL, bounds, climb, cost, safe_residuals, steps, unit
+from identification.inference.mode_search import climb
 
 #: How far apart, in noises over all readings (or in what a reading leaves, where that is more), the ends of a
 #: difference in one unknown are at least; attempts at such a step, the first in steps of a smooth misfit; half the

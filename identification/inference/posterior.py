@@ -2,114 +2,38 @@
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from cradle_env.cradle import Cradle
 from cradle_env.errors import check_range
 from cradle_env.release import Release
 from cradle_env.simulation import simulate_batch
-from cradle_env.synchronization import WINDOW, window_of
-from identification.experiment.experiment import Experiment
+from cradle_env.synchronization import WINDOW
 from identification.experiment.noise import gap_of_noise
-from identification.inference.likelihood import STEP_FACTOR, Likelihood, lifted_further
-from identification.inference.mode_search import training_rows
-from identification.inference.unknowns import SEARCH, Unknown
+from identification.experiment.train_test import training_rows
+from identification.inference.gap import MISFIT_GAP
+from identification.inference.likelihood import STEP_FACTOR, lifted_further
+from identification.inference.posterior_file import read_posterior, write_posterior
+from identification.inference.prediction import Prediction, of_other_bobs
+from identification.inference.samples import FORMAT, Samples
+from identification.inference.statistics import statistics
+from identification.inference.unknowns import SEARCH
 
-FORMAT = "cradle-posterior/1"
 # Draws over which λ is simulated where it did not come with the likelihood.
 _LAMBDA_DRAWS = 400
-#: A gap beyond this says that the model does not describe the data, where noise alone hardly passes it.
-MISFIT_GAP = 1.15
 #: The part of the width in the logarithm next to a bound, and the share of samples there, that cut a posterior off.
 _EDGE, _MANY = 0.01, 0.01
 
 
 @dataclass(frozen=True)
-class Gap:
-    """RMS residual over the noise: 1 is the floor. Both from a fit to the training part alone.
-
-    train, held_out: over all runs; nan where there are no such readings. rms: in the unit of the first run's
-    quantity (rad or m), by "train" or "held_out", all bobs and each: shape (1 + N,). allowed: the held-out gap that a
-    right model passes by chance once in a hundred times, with what the training part leaves open; nan: not known.
-    """
-
-    train: float
-    held_out: float
-    rms: Mapping[str, np.ndarray] = field(default_factory=dict)
-    allowed: float = math.nan
-
-
-@dataclass(frozen=True)
-class Convergence:
-    """Whether the chains may be trusted. tau: autocorrelation time of the slowest unknown [steps]."""
-
-    converged: bool
-    rhat_max: float
-    ess_min: float
-    tau_max: float
-    steps: int
-    burn_in: int
-    reasons: tuple[str, ...] = ()
-
-
-@dataclass(frozen=True)
-class Prediction:
-    """σ(t) and λ of a cradle over draws of a posterior: t (T,) [s], sigma (K, T), newton_exponent (K,) [1/s].
-
-    cradle: that of the first draw, with δ as stated or, where it was inferred, at its median over the draws; gaps:
-    (K, N − 1) δ of each gap in each draw, with what effects add.
-    """
-
-    cradle: Cradle
-    release: Release
-    t: np.ndarray
-    sigma: np.ndarray
-    newton_exponent: np.ndarray
-    gaps: np.ndarray
-
-    def summary(self) -> dict[str, Any]:
-        """Mean, sd, median and intervals of λ, as in a calibration's summary."""
-        return {"unit": "1/s", **statistics(self.newton_exponent), "window_s": window_of(self.t)}
-
-    def sigma_bands(self) -> dict[str, np.ndarray]:
-        """σ(t): median (T,), ci68 and ci95 (2, T)."""
-        q = np.quantile(self.sigma, (0.025, 0.16, 0.5, 0.84, 0.975), axis=0)
-        return {"median": q[2], "ci68": q[[1, 3]], "ci95": q[[0, 4]]}
-
-
-@dataclass(frozen=True)
-class Posterior:
-    """Samples of the unknowns of an experiment.
-
-    chain: (E, S, W, D) sampled coordinates of E ensembles of W walkers over S steps after burn-in, D as `unknowns`;
-    log_density: (E, S, W); newton_exponents: (E, S, W) λ of the first run's δ and release [1/s], nan for one bob, or
-    None where it does not come with the likelihood (then computed on draws).
-    """
-
-    likelihood: Likelihood
-    chain: np.ndarray
-    log_density: np.ndarray
-    newton_exponents: np.ndarray | None
-    convergence: Convergence
-    gap: Gap
-    seed: int = 0
-
-    @property
-    def experiment(self) -> Experiment:
-        """The experiment that was calibrated."""
-        return self.likelihood.experiment
-
-    @property
-    def unknowns(self) -> tuple[Unknown, ...]:
-        """What was inferred, in the order of the chain's last axis."""
-        return self.likelihood.unknowns
+class Posterior(Samples):
+    """The posterior of an experiment's unknowns: its samples (see `Samples`), and what follows from them."""
 
     @property
     def describes_data(self) -> bool:
@@ -208,7 +132,7 @@ class Posterior:
         if release_angle is not None:
             release = release.lifted_to(release_angle, self.experiment.cradle)
         if bobs != calibrated:
-            release = _of_other_bobs(release, calibrated, bobs)
+            release = of_other_bobs(release, calibrated, bobs)
         cradles, releases = [], []
         for point in self.draws(count):
             values = self.likelihood.values(point)
@@ -271,42 +195,10 @@ class Posterior:
 
     def save(self, path: str | Path) -> Path:
         """Writes the samples, in their units, as an ArviZ netCDF file, with what is needed to load it again."""
-        from identification.inference.posterior_file import write_posterior
-
         return write_posterior(self, Path(path))
 
     @classmethod
     def load(cls, path: str | Path, workers: int | None = None) -> Posterior:
         """Reads what `save` wrote; ExperimentError, naming file and field, if it is not such a file."""
-        from identification.inference.posterior_file import read_posterior
-
-        return read_posterior(Path(path), workers)
-
-
-def _of_other_bobs(release: Release, calibrated: int, bobs: int) -> Release:
-    """A release of so many bobs for another number of them; ValueError where it then lifts others."""
-    angles = release.angles or {}
-    highest = range(calibrated - len(angles) + 1, calibrated + 1)
-    if angles and sorted(angles) == [*highest] and len(set(angles.values())) == 1:
-        return Release(angle=angles[calibrated], bobs=len(angles), start=release.start)
-    if calibrated in angles or max(angles, default=0) > bobs:
-        raise ValueError(
-            f"bobs is {bobs}, but the release calibrated names bob {max(angles)} of {calibrated};"
-            f" predict for {calibrated} bobs"
-        )
-    return release
-
-
-def statistics(samples: np.ndarray) -> dict[str, Any]:
-    """Mean, sd, median, central 68 and 95 % intervals of samples; nan left out."""
-    finite = samples[np.isfinite(samples)]
-    if len(finite) == 0:
-        return {"mean": None, "sd": None, "median": None, "ci68": [None, None], "ci95": [None, None]}
-    q = np.quantile(finite, (0.025, 0.16, 0.5, 0.84, 0.975))
-    return {
-        "mean": float(finite.mean()),
-        "sd": float(finite.std(ddof=1)) if len(finite) > 1 else 0.0,
-        "median": float(q[2]),
-        "ci68": [float(q[1]), float(q[3])],
-        "ci95": [float(q[0]), float(q[4])],
-    }
+        samples = read_posterior(Path(path), workers)
+        return cls(**{field.name: getattr(samples, field.name) for field in dataclasses.fields(samples)})

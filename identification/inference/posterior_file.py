@@ -14,8 +14,10 @@ import numpy as np
 
 from cradle_env import hdf5_files
 from identification.experiment.experiment import Experiment
+from identification.inference.convergence import Convergence
+from identification.inference.gap import Gap
 from identification.inference.likelihood import Likelihood
-from identification.inference.posterior import FORMAT, Convergence, Gap, Posterior
+from identification.inference.samples import FORMAT, Samples
 from identification.inference.unknowns import SEARCH
 from identification.storage.files import ExperimentError, write
 from identification.storage.schema import check, parse
@@ -29,23 +31,23 @@ _MOST_LAMBDA = 10.0
 _DIMENSIONS = ("chain", "draw")
 
 
-def write_posterior(posterior: Posterior, path: Path) -> Path:
+def write_posterior(samples: Samples, path: Path) -> Path:
     """Writes posterior.nc, whole or not at all."""
     import h5netcdf
 
-    E, S, W, _ = posterior.chain.shape
-    flat = posterior.chain.reshape(E, S * W, -1)
+    E, S, W, _ = samples.chain.shape
+    flat = samples.chain.reshape(E, S * W, -1)
     with io.BytesIO() as buffer:
         with h5netcdf.File(buffer, "w") as file:
-            samples, stats = _group(file, "posterior", E, S * W), _group(file, "sample_stats", E, S * W)
-            for k, u in enumerate(posterior.unknowns):
-                variable = samples.create_variable(u.name, _DIMENSIONS, data=u.value(flat[..., k]))
+            group, stats = _group(file, "posterior", E, S * W), _group(file, "sample_stats", E, S * W)
+            for k, u in enumerate(samples.unknowns):
+                variable = group.create_variable(u.name, _DIMENSIONS, data=u.value(flat[..., k]))
                 variable.attrs["units"] = u.unit
-            if posterior.newton_exponents is not None:
-                samples.create_variable("lambda", _DIMENSIONS, data=posterior.newton_exponents.reshape(E, S * W))
-            stats.create_variable("lp", _DIMENSIONS, data=posterior.log_density.reshape(E, S * W))
-            for name, value in _attributes(posterior, W).items():
-                samples.attrs[name] = value
+            if samples.newton_exponents is not None:
+                group.create_variable("lambda", _DIMENSIONS, data=samples.newton_exponents.reshape(E, S * W))
+            stats.create_variable("lp", _DIMENSIONS, data=samples.log_density.reshape(E, S * W))
+            for name, value in _attributes(samples, W).items():
+                group.attrs[name] = value
         return write(path, buffer.getvalue())
 
 
@@ -57,22 +59,22 @@ def _group(file: Any, name: str, chains: int, draws: int) -> Any:
     return group
 
 
-def _attributes(posterior: Posterior, walkers: int) -> dict[str, Any]:
-    gap = posterior.gap
+def _attributes(samples: Samples, walkers: int) -> dict[str, Any]:
+    gap = samples.gap
     by_bob = {part: values.tolist() for part, values in gap.rms.items()}
     return {
         "format": FORMAT,
         "walkers": walkers,
-        "seed": posterior.seed,
-        "experiment": json.dumps(posterior.experiment.texts()),
-        "inputs": posterior.experiment.digest,
-        "convergence": json.dumps(dataclasses.asdict(posterior.convergence)),
-        "inflations": list(posterior.likelihood.inflations),
+        "seed": samples.seed,
+        "experiment": json.dumps(samples.experiment.texts()),
+        "inputs": samples.experiment.digest,
+        "convergence": json.dumps(dataclasses.asdict(samples.convergence)),
+        "inflations": list(samples.likelihood.inflations),
         "gap": json.dumps([gap.train, gap.held_out, by_bob, gap.allowed]),
     }
 
 
-def read_posterior(path: Path, workers: int | None = None) -> Posterior:
+def read_posterior(path: Path, workers: int | None = None) -> Samples:
     """The posterior in a file; ExperimentError, naming file and field, if it holds none."""
     try:
         with hdf5_files.opened(path) as file:
@@ -106,7 +108,7 @@ def read_posterior(path: Path, workers: int | None = None) -> Posterior:
         if not ((values >= u.low - slack) & (values <= u.high + slack) & np.isfinite(values)).all():
             raise ExperimentError(f"{path}: posterior/{u.name} holds values that no chain reaches; {_REMEDY}")
         coordinates.append(shaped(np.log(values) if u.log else values))
-    return Posterior(
+    return Samples(
         likelihood,
         np.stack(coordinates, axis=-1),
         shaped(log_density),

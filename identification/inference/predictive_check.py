@@ -9,8 +9,8 @@ import numpy as np
 from cradle_env.simulation import SimulationError
 from cradle_env.threads import in_threads
 from identification.inference.impact_order_noise import principal_axes
+from identification.inference.least_squares import bounds
 from identification.inference.likelihood import Likelihood
-from identification.inference.mode_search import bounds
 
 #: The chance by which a right model may pass what is allowed.
 CHANCE = 0.01

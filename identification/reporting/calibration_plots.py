@@ -12,9 +12,10 @@ import numpy as np
 from cradle_env.plot_style import BLACK, BLUE, GREY, ORANGE, RED, quiet_grid, styled
 from cradle_env.threads import in_threads
 from identification.experiment.run import Run
+from identification.experiment.train_test import training_rows
 from identification.inference.likelihood import rms
-from identification.inference.mode_search import training_rows
-from identification.inference.posterior import Posterior, statistics
+from identification.inference.posterior import Posterior
+from identification.inference.statistics import statistics
 from identification.reporting.run_plots import lambda_figure, prediction_figure
 from identification.reporting.wording import literal, mathtext, ratio, rounding_of, shown, unit_mathtext
 

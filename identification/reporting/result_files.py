@@ -17,8 +17,9 @@ from cradle_env.synchronization import ENVELOPE_PERIODS, check_duration, window_
 from cradle_env.trajectory import Trajectory
 from identification.experiment.csv_file import csv_text
 from identification.experiment.experiment import Experiment
-from identification.inference.posterior import Posterior, Prediction
-from identification.storage.files import write_listed
+from identification.inference.posterior import Posterior
+from identification.inference.prediction import Prediction
+from identification.storage.stamps import write_listed
 
 #: Told before each picture: how much is done, and what comes.
 Tell = Callable[[float, str], None]

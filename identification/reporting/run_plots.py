@@ -8,7 +8,9 @@ import numpy as np
 
 from cradle_env.plot_style import BLACK, BLUE, SKY, styled
 from cradle_env.plotting import show_decay, sigma_axes, within_envelopes
-from identification.inference.posterior import Posterior, Prediction, statistics
+from identification.inference.posterior import Posterior
+from identification.inference.prediction import Prediction
+from identification.inference.statistics import statistics
 from identification.reporting.wording import rounding_of, shown
 
 if TYPE_CHECKING:

@@ -13,8 +13,8 @@ from cradle_env.simulation import simulate
 from identification.experiment.experiment import Experiment
 from identification.experiment.run import ReleaseInfo, Run
 from identification.inference.calibration import calibrate
-from identification.inference.mode_search import Progress
 from identification.inference.posterior import Posterior
+from identification.progress import Progress
 from identification.reproduce.figure import ANGLE, BOBS, STANDARD_RELEASE, Figure, Study, Tables
 from identification.reproduce.impacts import PUBLISHED_ALPHA, PUBLISHED_N
 from identification.reproduce.sweeps import COLOURS, PARAMETERS

@@ -23,18 +23,10 @@ from identification.reporting.result_files import table_text
 from identification.reproduce import FIGURES
 from identification.reproduce.bands import calibrate_example, check_posterior
 from identification.reproduce.figure import FAILS, HOLDS_IF, Claim, Figure, Study, Table, Tables
-from identification.storage.files import (
-    ExperimentError,
-    check_own,
-    holds_out,
-    json_text,
-    read_text,
-    stamped,
-    write,
-    write_json,
-    write_together,
-)
+from identification.storage.files import ExperimentError, json_text, read_text, write, write_json, write_together
+from identification.storage.lock import holds_out
 from identification.storage.provenance import program
+from identification.storage.stamps import check_own, stamped
 
 Progress = Callable[[str, float | None, str], None]
 FORMAT, CLAIMS_FORMAT = "cradle-figure/1", "cradle-claims/1"

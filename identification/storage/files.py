@@ -1,33 +1,19 @@
-"""Files in and out: every refusal is one line, nothing is ever half-written, and one process works in a folder."""
+"""Files in and out: every refusal is one line, and nothing is ever half-written."""
 
 from __future__ import annotations
 
-import contextlib
-import functools
-import glob
-import hashlib
-import inspect
 import json
 import math
 import os
-import re
-import socket
-from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import contextmanager, suppress
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path, PureWindowsPath
-from typing import Any, ParamSpec, TypeVar
+from typing import Any
 
 import numpy as np
-from filelock import FileLock, Timeout
 
 #: Bytes of a file that is read as text at most: an hour of five bobs at 960 frames a second.
 _LARGEST = 2**28
-#: Tells who works in a folder; what is about to be written there is listed in the other.
-_LOCK, _PENDING = ".cradle.lock", ".pending"
-
-
-_P = ParamSpec("_P")
-_R = TypeVar("_R")
 
 
 class ExperimentError(ValueError):
@@ -85,149 +71,6 @@ def beside(folder: Path, name: str) -> Path:
     if not regular:
         raise ValueError(f"{str(path)!r} is no file; name the data to read")
     return path
-
-
-@contextmanager
-def working_in(folder: Path) -> Iterator[None]:
-    """Holds a folder, made where there is none, for this thread; ExperimentError where another process works there.
-
-    The system frees the lock of a process that has died. A folder that was made and stays empty is removed.
-    """
-    check_folder(folder)
-    made = [place for place in (folder, *folder.parents) if not place.exists()]
-    folder.mkdir(parents=True, exist_ok=True)
-    file = folder / _LOCK
-    lock = FileLock(file, timeout=0, is_singleton=True)
-    try:
-        lock.acquire()
-    except Timeout:
-        raise ExperimentError(f"{folder}: {_owner(file)} works there; wait for it, or choose another --out") from None
-    except OSError as problem:
-        if file.is_symlink():
-            raise ExperimentError(f"{file}: is a link, and no lock of this program; remove it") from None
-        raise problem
-    try:
-        if lock.lock_counter == 1:
-            with suppress(OSError):  # on a full disk nobody can be named
-                file.write_text(f"{os.getpid()} on {socket.gethostname()}\n", encoding="utf-8")
-        yield
-    finally:
-        if lock.lock_counter == 1:
-            with suppress(OSError):  # where a file that is open cannot be removed, it stays, and locks nothing
-                file.unlink()
-        lock.release()
-        if made and not lock.is_locked and not any(folder.iterdir()):
-            for place in made:
-                place.rmdir()
-
-
-def holds_out(work: Callable[_P, _R]) -> Callable[_P, _R]:
-    """Work that holds the folder that it is given as `out`, where it is given one, as long as it takes."""
-    signature = inspect.signature(work)
-
-    @functools.wraps(work)
-    def held(*args: _P.args, **kwargs: _P.kwargs) -> _R:
-        out = signature.bind(*args, **kwargs).arguments.get("out")
-        with contextlib.nullcontext() if out is None else working_in(Path(out)):
-            return work(*args, **kwargs)
-
-    return held
-
-
-def _owner(lock: Path) -> str:
-    try:
-        name = lock.read_text(encoding="utf-8")[:100].strip()
-    except (OSError, ValueError):
-        name = ""
-    return f"process {name}" if name else "another process"
-
-
-def check_folder(folder: Path) -> None:
-    """ExperimentError where a folder for results is something else."""
-    if folder.exists() and not folder.is_dir():
-        raise ExperimentError(f"{folder}: is a file; name a folder for the results")
-
-
-def check_own(folder: Path, names: Iterable[str], stamp: str, formats: str) -> None:
-    """ExperimentError where a folder holds a file of these names that is not ours to replace: the JSON file that our
-    command writes beside it, its stamp, is not there, not of this format, or lists the file otherwise or not at all;
-    or where the folder is a file. Files that were about to be written when their process was killed are ours."""
-    check_folder(folder)
-    content, pending = stamped(folder / stamp, formats), stamped(_pending(folder, stamp), formats)
-
-    def ours(name: str) -> bool:
-        if pending is not None and (name == stamp or _lists(pending, folder / name)):
-            return True
-        if content is None or name == stamp:
-            return content is not None
-        return "files" not in content or _lists(content, folder / name)
-
-    for name in names:
-        if (folder / name).exists() and not ours(name):
-            raise ExperimentError(f"{folder / name}: exists and is no result of this command; choose another --out")
-
-
-def write_listed(
-    folder: Path, files: Mapping[str, str | bytes | Path], stamp: str, content: Mapping[str, Any]
-) -> dict[str, Any]:
-    """Writes files by name and, last, the stamp, which lists them and what it has listed before as `files`, by their
-    SHA-256; returns its content. A Path is a file to be moved there."""
-    with working_in(folder):
-        earlier = (stamped(folder / stamp, content["format"]) or {}).get("files", {})
-        content = {**content, "files": {**earlier, **{name: _sha256(data) for name, data in files.items()}}}
-        pending = write_json(_pending(folder, stamp), {key: content[key] for key in ("format", "files")})
-        write_together(folder, {**files, stamp: json_text(content)})
-        pending.unlink()
-        remove_leftovers(folder, (*files, stamp, pending.name))
-    return content
-
-
-def remove_leftovers(folder: Path, names: Iterable[str]) -> None:
-    """Removes what processes that were killed have left of files of these names; the folder must be held."""
-    for name in names:
-        for left in folder.glob(f".{glob.escape(name)}.*"):
-            if re.fullmatch(r"\d+(\.part)?", left.name.removeprefix(f".{name}.")):
-                left.unlink()
-
-
-def _pending(folder: Path, stamp: str) -> Path:
-    return folder / f".{stamp}{_PENDING}"
-
-
-def _lists(content: Mapping[str, Any], file: Path) -> bool:
-    """Whether a stamp lists a file as it is."""
-    return content.get("files", {}).get(file.name) == _sha256(file)
-
-
-def stamped(path: Path, formats: str, schema: str = "stamp") -> dict[str, Any] | None:
-    """The content of a JSON file of results of this format; None where there is no such file, or it is none of ours."""
-    from identification.storage.schema import read_json
-
-    try:
-        content = read_json(path, schema)
-    except ExperimentError:
-        return None
-    return content if content["format"] == formats else None
-
-
-def _sha256(data: str | bytes | Path) -> str:
-    if isinstance(data, Path):
-        with data.open("rb") as file:
-            return hashlib.file_digest(file, "sha256").hexdigest()
-    return hashlib.sha256(data.encode() if isinstance(data, str) else data).hexdigest()
-
-
-#: The commands that write a report.html, by what else each leaves in its folder.
-_REPORTS = {"posterior.nc": "calibrate", "diagnosis.json": "diagnose", "design.json": "design"}
-
-
-def check_report(folder: Path, command: str) -> None:
-    """ExperimentError where a folder holds the report of another command, which this one's would replace."""
-    for name, other in _REPORTS.items():
-        if other != command and (folder / name).exists():
-            raise ExperimentError(
-                f"{folder}: holds the report of cradle {other}, which would be lost; choose another --out"
-            )
 
 
 @contextmanager

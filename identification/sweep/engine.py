@@ -19,14 +19,14 @@ from cradle_env.errors import check_range
 from cradle_env.release import Release
 from cradle_env.simulation import SimulationError, simulate
 from cradle_env.threads import InterruptedRun, Threads
-from identification.storage.files import holds_out
+from identification.storage.lock import holds_out
 from identification.sweep.grid import Grid, built
 from identification.sweep.quantities import Quantity, chosen
 from identification.sweep.store import DONE, Plan, Store, row_type
 from identification.sweep.swept import Swept
 
 if TYPE_CHECKING:
-    from identification.inference.mode_search import Progress
+    from identification.progress import Progress
 
 #: Runs of one task, and tasks in flight: enough for the overhead to vanish, and for a large cluster to be busy.
 _TASK, _IN_FLIGHT = 8, 256

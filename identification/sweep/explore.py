@@ -22,7 +22,7 @@ from identification.sweep.quantities import Quantity
 from identification.sweep.swept import Swept
 
 if TYPE_CHECKING:
-    from identification.inference.mode_search import Progress
+    from identification.progress import Progress
 
 #: What the page goes over where nothing else is asked for: at five bobs and 60 s it has 8 MB.
 AXES: Mapping[str, np.ndarray] = {"beta": np.linspace(0.05, 0.33, 29), "delta": np.linspace(-0.02, 0.02, 11)}

@@ -343,9 +343,10 @@ class Oracle:
 
 def at_the_truth(path: Path, truth: dict[str, float]):
     """A search over an experiment, and its base model at the true values."""
-    from identification.diagnosis.selection.search import Searcher, Store, placed
+    from identification.diagnosis.selection.search import Searcher, Store
     from identification.experiment.experiment import Experiment
     from identification.inference.fit_result import Fitted, with_known_noise
+    from identification.inference.start_points import placed
 
     searcher = Searcher(Store(None, ""), 0, 1)
     likelihood = searcher.likelihood(with_known_noise(Experiment.load(path)))

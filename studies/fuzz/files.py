@@ -22,8 +22,8 @@ from cradle_env import Cradle
 from cradle_env.model_files import read_model
 from cradle_env.simulation import SimulationError
 from identification import Experiment
+from identification.inference.checkpoint import Checkpoint
 from identification.inference.likelihood import Likelihood
-from identification.inference.mcmc import Checkpoint
 from identification.inference.posterior import Posterior
 
 #: How long one file may take [s].

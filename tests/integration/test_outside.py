@@ -22,10 +22,13 @@ from cradle_env.model_files import read_model
 from cradle_env.model_files import read_posterior as read_draws
 from cradle_env.threads import Threads
 from identification.experiment.experiment import Experiment
-from identification.inference.mcmc import Checkpoint, Sampler
+from identification.inference.checkpoint import Checkpoint
+from identification.inference.mcmc import Sampler
 from identification.inference.posterior import Posterior
 from identification.reporting import result_files
-from identification.storage.files import ExperimentError, check_own, working_in, write_listed
+from identification.storage.files import ExperimentError
+from identification.storage.lock import working_in
+from identification.storage.stamps import check_own, write_listed
 from identification.sweep import Grid, sweep
 from studies.fuzz import cradles
 from tests.paths import ROOT
@@ -233,7 +236,7 @@ def test_the_lock_of_a_dead_process_is_taken_over(tmp_path):
 import os, sys
 sys.path[:0] = [{str(ROOT)!r}]
 from pathlib import Path
-from identification.storage.files import working_in
+from identification.storage.lock import working_in
 with working_in(Path({str(tmp_path / "out")!r})):
     os._exit(9)
 """
@@ -250,7 +253,7 @@ def test_killed_between_the_last_renames_it_goes_on(tmp_path, renames):
 import os, sys
 sys.path[:0] = [{str(ROOT)!r}]
 from pathlib import Path
-from identification.storage.files import write_listed
+from identification.storage.stamps import write_listed
 left = {renames}
 def counted(rename):
     def renamed(*arguments):

@@ -11,7 +11,8 @@ from cradle_env.cradle import Cradle
 from cradle_env.release import Release
 from identification.experiment.experiment import Experiment, ExperimentError, Prior, ReleaseInfo, Run
 from identification.experiment.scaffold import scaffold
-from identification.storage.files import check_own, write_listed, write_together
+from identification.storage.files import write_together
+from identification.storage.stamps import check_own, write_listed
 from tests.paths import DATA
 
 

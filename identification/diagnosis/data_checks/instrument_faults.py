@@ -16,8 +16,8 @@ import numpy as np
 from identification.experiment.experiment import Experiment
 from identification.experiment.run import Run
 from identification.inference.fit_result import Fitted, span
+from identification.inference.least_squares import refine
 from identification.inference.likelihood import Likelihood
-from identification.inference.mode_search import refine
 
 #: Excess of χ² over the number of readings R from which slips are sought, in √(2R); share of it that one must explain.
 _EXCESS, _SHARE = 6.0, 0.9

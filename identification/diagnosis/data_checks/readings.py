@@ -13,9 +13,9 @@ import numpy as np
 from cradle_env.cradle import Cradle
 from identification.experiment.experiment import Experiment
 from identification.experiment.run import Run
+from identification.experiment.train_test import training_rows
 from identification.experiment.unit_check import angles_read, check_unit
 from identification.inference.likelihood import Likelihood
-from identification.inference.mode_search import training_rows
 
 #: Readings per unknown below which nothing can be said, and the unknowns that are counted at least.
 _FEWEST, _UNKNOWNS = 5, 10

@@ -17,7 +17,8 @@ from cradle_env.cradle import FIELDS
 from identification.experiment.run import Prior
 from identification.inference.fit_result import Fitted
 from identification.inference.likelihood import Likelihood
-from identification.inference.mode_search import Progress, find_mode
+from identification.inference.mode_search import find_mode
+from identification.progress import Progress
 
 #: Excess of χ² over the number of readings R from which runs are compared, in √(2R); share of it that may be left.
 _EXCESS, _LEFT = 6.0, 0.1

@@ -24,14 +24,18 @@ from identification.diagnosis.learned_law.terms import Linear, Scales, Term, cho
 from identification.diagnosis.residuals.multiple_shooting import can_be_cut, windowed
 from identification.diagnosis.selection.inner_validation import FAR, gap_within, inner
 from identification.diagnosis.selection.model_comparison import CLOSE, log_evidence
-from identification.diagnosis.selection.search import Searcher, fit_key, only_noise, placed
+from identification.diagnosis.selection.search import Searcher, fit_key, only_noise
 from identification.experiment.experiment import Experiment
 from identification.experiment.noise import gap_of_noise
+from identification.experiment.train_test import training_rows
 from identification.experiment.unit_check import swings_read
 from identification.inference.fit_result import Fitted, colour
-from identification.inference.mode_search import Progress, climb_ladder, cost, refine, training_rows
+from identification.inference.least_squares import cost, refine
+from identification.inference.mode_search import climb_ladder
 from identification.inference.nonsmooth import ROUNDS, polish
+from identification.inference.start_points import placed
 from identification.inference.unknowns import SEARCH
+from identification.progress import Progress
 
 #: Terms at most; shares of their coefficients at which refits may start, and evaluations of these.
 _MOST, _PARTS, _EVALUATIONS = 10, (1.0, 0.5, 0.2, 0.05), 20

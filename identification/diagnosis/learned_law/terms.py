@@ -23,11 +23,11 @@ from cradle_env.threads import in_threads
 from identification.diagnosis.selection.candidates import filled, is_strength, with_effects
 from identification.diagnosis.selection.inner_validation import FAR
 from identification.diagnosis.selection.model_comparison import log_evidence
-from identification.diagnosis.selection.search import placed
 from identification.experiment.experiment import Experiment
 from identification.inference.fit_result import Fitted, span
 from identification.inference.likelihood import Likelihood, rms
 from identification.inference.nonsmooth import lengths_of
+from identification.inference.start_points import placed
 
 #: Least share of a term that must be left beside all that the unknowns absorb, and the least that may remain of b.
 _SEEN, _LEAST_B = 1e-3, -0.9

@@ -21,9 +21,10 @@ from identification.experiment.experiment import Experiment
 from identification.experiment.experiment_file import infer_lines, model_lines
 from identification.inference.fit_result import Fitted, with_known_noise
 from identification.inference.linear_algebra import on_one_thread
-from identification.inference.mode_search import Progress
-from identification.storage.files import check_report, holds_out
+from identification.progress import Progress
+from identification.storage.lock import holds_out
 from identification.storage.schema import read_json
+from identification.storage.stamps import check_report
 from identification.storage.toml_table import toml_text
 
 #: Of design.json.

@@ -18,7 +18,7 @@ from identification.diagnosis.next_experiment.run_grid import described
 from identification.experiment.experiment_file import FILE_NAME
 from identification.reporting.html_page import page
 from identification.reporting.wording import Rounding, number, unit_plain
-from identification.storage.files import check_own, write_listed
+from identification.storage.stamps import check_own, write_listed
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

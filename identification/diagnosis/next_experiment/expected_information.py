@@ -22,7 +22,8 @@ from identification.diagnosis.next_experiment.planned_run import Instrument, Pla
 from identification.diagnosis.next_experiment.run_grid import described, ordered, searched
 from identification.diagnosis.selection.model_comparison import CLOSE
 from identification.inference.fit_result import Fitted
-from identification.inference.mode_search import Progress, bounds
+from identification.inference.least_squares import bounds
+from identification.progress import Progress
 
 #: How many settings are simulated once; how many of them well, and how often each.
 _POOL, _SIMULATED, _DRAWS = 6, 2, 4

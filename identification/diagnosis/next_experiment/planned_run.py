@@ -13,12 +13,12 @@ import numpy as np
 
 from cradle_env.release import Release
 from cradle_env.simulation import SimulationError
-from identification.diagnosis.selection.search import placed
 from identification.experiment.experiment import Experiment
 from identification.experiment.run import ReleaseInfo, Run
 from identification.inference.fit_result import Fitted
+from identification.inference.least_squares import bounds, jacobian, refine
 from identification.inference.likelihood import Likelihood
-from identification.inference.mode_search import bounds, jacobian, refine
+from identification.inference.start_points import placed
 
 #: Readings per second beyond which more of them count as less noise: the swing is slower.
 _RATE = 60.0

@@ -10,7 +10,7 @@ from cradle_env.simulation import SimulationError
 from identification.diagnosis.next_experiment.planned_run import Instrument, Planned, Setting
 from identification.diagnosis.selection.model_comparison import CLOSE
 from identification.inference.fit_result import Fitted
-from identification.inference.mode_search import Progress
+from identification.progress import Progress
 
 #: The grid: release angles [rad], δ, durations [s]; a first look is taken at one angle, the first at which any run can
 #: be followed.

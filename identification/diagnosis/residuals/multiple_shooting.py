@@ -15,11 +15,11 @@ from scipy.optimize import least_squares
 from cradle_env.cradle import Cradle
 from cradle_env.threads import in_threads
 from identification.diagnosis.residuals.windows import divided
-from identification.diagnosis.selection.search import placed
 from identification.experiment.run import Run
 from identification.inference.fit_result import Fitted, Readings
+from identification.inference.least_squares import bounds, safe_residuals, steps
 from identification.inference.likelihood import Likelihood, hanging_radius
-from identification.inference.mode_search import bounds, safe_residuals, steps
+from identification.inference.start_points import placed
 from identification.inference.unknowns import WORN
 
 #: Width of a window, in small-angle periods, and evaluations by which its start states are found.

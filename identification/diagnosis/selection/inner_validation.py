@@ -7,11 +7,12 @@ import dataclasses
 import math
 
 from cradle_env.simulation import SimulationError
-from identification.diagnosis.selection.search import Searcher, finished, fit_key, placed
+from identification.diagnosis.selection.search import Searcher, finished, fit_key
 from identification.experiment.experiment import Experiment
+from identification.experiment.train_test import training_rows
 from identification.inference import nonsmooth
 from identification.inference.fit_result import Fitted
-from identification.inference.mode_search import training_rows
+from identification.inference.start_points import placed
 
 #: The part of the training time that is fitted.
 _INNER = 2.0 / 3.0

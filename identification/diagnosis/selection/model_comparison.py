@@ -26,7 +26,8 @@ from identification.diagnosis.selection.score_test import Scored, family_p, surp
 from identification.diagnosis.selection.search import Searcher, only_noise
 from identification.diagnosis.selection.start_values import standing_in
 from identification.inference.fit_result import Fitted
-from identification.inference.mode_search import SEVERAL, Progress
+from identification.inference.least_squares import SEVERAL
+from identification.progress import Progress
 
 #: Chance, over all candidates, at which one is accepted.
 ALPHA = 0.01

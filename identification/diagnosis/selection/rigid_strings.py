@@ -9,7 +9,7 @@ from identification.diagnosis.selection.inner_validation import FAR
 from identification.diagnosis.selection.model_comparison import log_evidence
 from identification.diagnosis.selection.search import Searcher
 from identification.inference.fit_result import Fitted
-from identification.inference.mode_search import Progress
+from identification.progress import Progress
 
 #: The one effect of the models with unknowns of its own: κ, and where states are free three of each bob.
 ELASTIC = "radial_elasticity"

@@ -31,9 +31,9 @@ from identification.diagnosis.selection.candidates import (
     strength,
     with_effects,
 )
-from identification.diagnosis.selection.search import flat, placed
 from identification.inference.fit_result import Fitted, span
 from identification.inference.likelihood import Likelihood
+from identification.inference.start_points import flat, placed
 
 #: First strength of the finite differences, in scales; then one that moves readings by this share of the noise;
 #: and how often it is sought.

@@ -17,19 +17,14 @@ from cradle_env.simulation import SimulationError
 from cradle_env.threads import in_threads
 from identification.diagnosis.selection.candidates import Candidate, Values, starts, with_effects
 from identification.experiment.experiment import Experiment
+from identification.experiment.train_test import training_rows
 from identification.inference.fit_result import Fitted
+from identification.inference.least_squares import cost, refine, refined_from
 from identification.inference.likelihood import Likelihood
-from identification.inference.mode_search import (
-    Progress,
-    bounds,
-    cost,
-    early_rows,
-    find_mode,
-    refine,
-    refined_from,
-    training_rows,
-)
+from identification.inference.mode_search import early_rows, find_mode
 from identification.inference.nonsmooth import among_modes, polish
+from identification.inference.start_points import flat, placed
+from identification.progress import Progress
 from identification.storage.files import ExperimentError, json_text, write_together
 from identification.storage.provenance import program
 from identification.storage.schema import read_json
@@ -41,8 +36,6 @@ _FACTORS = (0.01, 0.1, 1.0, 3.0)
 _FOLLOWED, _FIRST, _KEPT, _LAST, _FEW = 3, 6, 2, 40, 2
 #: Searches from anywhere at most until two agree on a mode, and standard deviations of χ² that noise alone may leave.
 _ATTEMPTS, _NOISE = 4, 1.0
-
-
 #: How the result of long work, a vector, is kept: the key of the work, and the work.
 Keep = Callable[[str, Callable[[], np.ndarray]], np.ndarray]
 
@@ -258,27 +251,6 @@ def best_of(
 def finished(likelihood: Likelihood, point: np.ndarray, thorough: bool = False) -> np.ndarray:
     """The mode near a point, (D,); thorough: see `polish`."""
     return polish(likelihood, refine(likelihood, point, _LAST)[0], thorough=thorough)
-
-
-def placed(likelihood: Likelihood, values: Mapping[str, float]) -> np.ndarray:
-    """The point of a likelihood at these values of its unknowns, elsewhere at its start; within bounds."""
-    point = likelihood.start()
-    for i, u in enumerate(likelihood.unknowns):
-        if u.name in values:
-            point[i] = u.coordinate(values[u.name])
-    return np.clip(point, *bounds(likelihood))
-
-
-def flat(name: str, values: Values) -> dict[str, float]:
-    """{"effect.key": value} of an effect's values; "effect.key[i]" where there are several, and their mean as "[*]"."""
-    found = {}
-    for key, value in values.items():
-        if isinstance(value, list | tuple):
-            found |= {f"{name}.{key}[{i}]": one for i, one in enumerate(value, 1)}
-            found[f"{name}.{key}[*]"] = sum(value) / len(value)
-        else:
-            found[f"{name}.{key}"] = value
-    return found
 
 
 def fit_key(what: str, experiment: Experiment, *more: Any) -> str:

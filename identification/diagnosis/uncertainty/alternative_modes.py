@@ -20,7 +20,8 @@ from identification.diagnosis.selection.search import Keep, fit_key
 from identification.diagnosis.uncertainty.conditional_likelihood import Held, refit_others
 from identification.inference.fit_result import Fitted
 from identification.inference.impact_order_noise import size
-from identification.inference.mode_search import SEVERAL, bounds, jacobian, mode_at
+from identification.inference.laplace import mode_at
+from identification.inference.least_squares import SEVERAL, bounds, jacobian
 from identification.inference.nonsmooth import broad_jacobian
 
 #: Ratio of a shape's values from the mode to the first rung, and its power from rung to rung; evaluations of the refit

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from identification.inference.least_squares import bounds, refine
 from identification.inference.likelihood import Likelihood
-from identification.inference.mode_search import bounds, refine
 
 
 class Held(Likelihood):

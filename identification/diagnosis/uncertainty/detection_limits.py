@@ -25,9 +25,9 @@ from identification.diagnosis.selection.search import Keep, at_once, fit_key
 from identification.diagnosis.uncertainty.profile_likelihood import EVALUATIONS, profile_end
 from identification.inference import impact_order_noise
 from identification.inference.fit_result import Fitted
+from identification.inference.least_squares import SEVERAL, bounds, cost, refine
 from identification.inference.likelihood import Likelihood
 from identification.inference.linear_algebra import on_one_thread
-from identification.inference.mode_search import SEVERAL, bounds, cost, refine
 from identification.inference.nonsmooth import lengths_of, polish
 
 #: Probability that the true strength is below its limit; rounds in which that is found.

@@ -14,8 +14,8 @@ from identification.diagnosis.uncertainty.alternative_modes import branches, sha
 from identification.diagnosis.uncertainty.conditional_likelihood import refit_others
 from identification.diagnosis.uncertainty.profile_likelihood import EVALUATIONS, profile_end
 from identification.inference.fit_result import Fitted
+from identification.inference.least_squares import SEVERAL, bounds
 from identification.inference.linear_algebra import on_one_thread
-from identification.inference.mode_search import SEVERAL, bounds
 
 #: Probabilities below the median and the ends of an interval; and the normal quantile of these.
 _SHARES = 0.5, 0.025, 0.975

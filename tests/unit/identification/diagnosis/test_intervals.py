@@ -9,13 +9,14 @@ import pytest
 
 from cradle_env.simulation import SimulationError
 from identification.diagnosis.selection.candidates import with_effects
-from identification.diagnosis.selection.search import Searcher, Store, at_once, flat
+from identification.diagnosis.selection.search import Searcher, Store, at_once
 from identification.diagnosis.uncertainty import intervals as module
 from identification.diagnosis.uncertainty.alternative_modes import branches
 from identification.diagnosis.uncertainty.intervals import intervals
 from identification.diagnosis.uncertainty.profile_likelihood import profile_end
 from identification.experiment.experiment import Experiment
 from identification.inference.fit_result import with_known_noise
+from identification.inference.start_points import flat
 from identification.inference.unknowns import Unknown
 from studies.diagnosis.rows import rows_of
 from studies.diagnosis.study import Apparatus, cases

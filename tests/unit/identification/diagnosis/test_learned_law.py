@@ -27,13 +27,15 @@ from identification.diagnosis.residuals.multiple_shooting import can_be_cut, win
 from identification.diagnosis.selection.candidates import candidates
 from identification.diagnosis.selection.inner_validation import inner, predictions
 from identification.diagnosis.selection.model_comparison import CLOSE
-from identification.diagnosis.selection.search import Searcher, Store, only_noise, placed
+from identification.diagnosis.selection.search import Searcher, Store, only_noise
 from identification.diagnosis.stepwise import Course
 from identification.diagnosis.uncertainty.intervals import intervals
 from identification.experiment.run import Prior
 from identification.inference.fit_result import Fitted, with_known_noise
+from identification.inference.least_squares import jacobian
 from identification.inference.likelihood import Likelihood
-from identification.inference.mode_search import climb_ladder, jacobian
+from identification.inference.mode_search import climb_ladder
+from identification.inference.start_points import placed
 from tests.paths import DATA
 from tests.reference.laboratory import record, write_experiment
 from tests.reference.soft_contact import SoftCradle

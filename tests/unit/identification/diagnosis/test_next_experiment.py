@@ -17,8 +17,8 @@ from identification.diagnosis.next_experiment.planned_run import Instrument, Pla
 from identification.diagnosis.selection.candidates import candidates
 from identification.diagnosis.selection.search import Searcher, Store
 from identification.inference.fit_result import with_known_noise
-from identification.storage.files import write_listed
 from identification.storage.schema import check
+from identification.storage.stamps import write_listed
 from tests.reference.laboratory import record, write_experiment
 from tests.reference.soft_contact import SoftCradle
 

@@ -6,11 +6,12 @@ import pytest
 
 from identification.diagnosis.selection import model_comparison
 from identification.diagnosis.selection.candidates import Candidate, candidates, with_effects
-from identification.diagnosis.selection.search import Searcher, Store, flat, placed
+from identification.diagnosis.selection.search import Searcher, Store
 from identification.diagnosis.selection.start_values import standing_in
 from identification.experiment.experiment import Experiment
 from identification.inference.fit_result import Fitted, with_known_noise
 from identification.inference.likelihood import Likelihood
+from identification.inference.start_points import flat, placed
 from tests.reference.laboratory import record, write_experiment
 from tests.reference.soft_contact import SoftCradle
 

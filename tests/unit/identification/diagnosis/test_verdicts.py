@@ -10,9 +10,11 @@ from cradle_env import Cradle, Release
 from identification.experiment.experiment import Experiment
 from identification.experiment.run import ReleaseInfo, Run
 from identification.inference.calibration import measure_gap
+from identification.inference.convergence import Convergence
+from identification.inference.gap import Gap
 from identification.inference.likelihood import Likelihood
 from identification.inference.mode_search import find_mode
-from identification.inference.posterior import Convergence, Gap, Posterior
+from identification.inference.posterior import Posterior
 from identification.inference.unknowns import model_unknowns
 from identification.reporting.wording import model_verdict
 from tests.reference.laboratory import record

@@ -8,10 +8,11 @@ from scipy.signal import lombscargle
 from identification.diagnosis.residuals.periodogram import frequencies, independent, power
 from identification.diagnosis.residuals.residual_tests import in_words, locate
 from identification.diagnosis.residuals.windows import windows
-from identification.diagnosis.selection.search import Searcher, Store, finished, placed
+from identification.diagnosis.selection.search import Searcher, Store, finished
 from identification.experiment.experiment import Experiment
 from identification.inference.fit_result import Fitted, with_known_noise
 from identification.inference.likelihood import Likelihood
+from identification.inference.start_points import placed
 from tests.reference.laboratory import record, write_experiment
 from tests.reference.soft_contact import SoftCradle
 

@@ -42,9 +42,9 @@ from identification.diagnosis.uncertainty import detection_limits
 from identification.diagnosis.uncertainty import intervals as intervals_module
 from identification.diagnosis.uncertainty.intervals import intervals
 from identification.experiment.run import ReleaseInfo, Run
+from identification.experiment.train_test import training_rows
 from identification.inference.fit_result import Fitted, with_known_noise
 from identification.inference.likelihood import Likelihood
-from identification.inference.mode_search import training_rows
 from tests.reference.laboratory import correlated_noise, record, write_experiment
 from tests.reference.soft_contact import SoftCradle
 

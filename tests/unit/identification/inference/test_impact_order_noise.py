@@ -9,8 +9,9 @@ import pytest
 from cradle_env.simulation import SimulationError
 from identification.experiment.experiment import Experiment
 from identification.inference.impact_order_noise import learned, size, widened
+from identification.inference.laplace import mode_at
+from identification.inference.least_squares import jacobian
 from identification.inference.likelihood import Likelihood
-from identification.inference.mode_search import jacobian, mode_at
 from identification.inference.unknowns import Unknown
 from tests.reference.laboratory import record, write_experiment
 from tests.reference.soft_contact import SoftCradle

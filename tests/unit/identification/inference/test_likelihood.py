@@ -11,10 +11,12 @@ from scipy.stats import multivariate_normal, norm
 from cradle_env import Cradle, Release, simulate
 from identification.experiment.experiment import Experiment
 from identification.experiment.run import Prior, ReleaseInfo, Run
+from identification.experiment.train_test import training_rows
 from identification.inference import mode_search
 from identification.inference.calibration import calibrate
+from identification.inference.least_squares import bounds
 from identification.inference.likelihood import Jumps, Likelihood, lifted_further
-from identification.inference.mode_search import bounds, find_mode, training_rows
+from identification.inference.mode_search import find_mode
 from identification.inference.posterior import Posterior
 from tests.reference.laboratory import correlated_noise, record, write_experiment
 from tests.reference.soft_contact import SoftCradle, simulate_soft

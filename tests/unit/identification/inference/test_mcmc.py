@@ -9,9 +9,11 @@ import numpy as np
 import pytest
 
 from cradle_env import CATALOGUE, Effect, Parameter
+from identification.inference.checkpoint import Chains, Checkpoint
+from identification.inference.convergence import convergence
+from identification.inference.laplace import Mode
 from identification.inference.likelihood import Jumps
-from identification.inference.mcmc import Chains, Checkpoint, convergence, judged, sample
-from identification.inference.mode_search import Mode
+from identification.inference.mcmc import judged, sample
 from identification.inference.unknowns import Unknown
 from identification.storage.files import ExperimentError
 

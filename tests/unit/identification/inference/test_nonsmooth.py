@@ -7,12 +7,14 @@ import numpy as np
 import pytest
 
 from identification.diagnosis.selection.candidates import with_effects
-from identification.diagnosis.selection.search import Searcher, Store, placed
+from identification.diagnosis.selection.search import Searcher, Store
 from identification.experiment.experiment import Experiment
 from identification.inference import mode_search, nonsmooth
 from identification.inference.fit_result import with_known_noise
-from identification.inference.mode_search import cost, find_mode, refine
+from identification.inference.least_squares import cost, refine
+from identification.inference.mode_search import find_mode
 from identification.inference.nonsmooth import broad_jacobian, polish
+from identification.inference.start_points import placed
 from studies.diagnosis.study import Apparatus, cases
 from tests.reference.laboratory import record, write_experiment
 from tests.reference.soft_contact import SoftCradle

@@ -13,7 +13,9 @@ from cradle_env.plot_style import png
 from identification.cli.commands import _known
 from identification.experiment.experiment import Experiment
 from identification.experiment.run import Prior, ReleaseInfo, Run
-from identification.inference.posterior import Gap, Posterior, statistics
+from identification.inference.gap import Gap
+from identification.inference.posterior import Posterior
+from identification.inference.statistics import statistics
 from identification.reporting import calibration_plots, result_files
 from identification.reporting.wording import Rounding, estimate, markup, mathtext, shown, unit_markup, unit_plain
 from identification.storage.files import write_json
