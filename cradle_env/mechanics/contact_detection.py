@@ -28,13 +28,44 @@ def gap_between(cradle, bobs, S, p, t):
 
 
 @jit
+def speed_between(cradle, bobs, S, p, t):
+    """Speed [m/s] of one bob of pair p relative to the other at time t [s], interpolated."""
+    x0, z0, vx0, vz0 = between(S, p, t)
+    x1, z1, vx1, vz1 = between(S, p + 1, t)
+    gap, _, _, v_n, spread = pair_at(cradle, bobs, p, t, x0, z0, vx0, vz0, x1, z1, vx1, vz1)
+    return math.sqrt(v_n * v_n + spread * (gap + 2.0 * cradle.radius))
+
+
+@jit
 def predict(cradle, bobs, S, p):
-    """The first instant [s] at which an open pair touches while both its segments last; inf if it does not."""
+    """The first instant [s] at which an open pair touches while both its segments last; inf if it does not.
+
+    A gap is a distance, which grows again once the bobs have passed through each other. A segment in which they could
+    do so is therefore searched in strides that are too short for it.
+    """
     if S[p, LINK] != OPEN:
         return math.inf
     low, high = max(S[p, T0], S[p + 1, T0]), min(S[p, T1], S[p + 1, T1])
     if high <= low:
         return math.inf
+    across = 4.0 * cradle.radius
+    fastest = speed_between(cradle, bobs, S, p, low) + speed_between(cradle, bobs, S, p, high)
+    while fastest * (high - low) > across:
+        gap, _ = gap_between(cradle, bobs, S, p, low)
+        end = low + max(gap, across) / fastest
+        if not low < end < high:
+            break
+        found = first_touch(cradle, bobs, S, p, low, end)
+        if found < math.inf:
+            return found
+        low = end
+    return first_touch(cradle, bobs, S, p, low, high)
+
+
+@jit
+def first_touch(cradle, bobs, S, p, low, high):
+    """The first instant [s] from low to high at which an open pair touches; inf if it does not. Between them the bobs
+    must not be able to pass through each other."""
     g0, v0 = gap_between(cradle, bobs, S, p, low)
     g1, v1 = gap_between(cradle, bobs, S, p, high)
     if g0 <= 0.0 and v0 < -_LEAST_APPROACH:
