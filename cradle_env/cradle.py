@@ -14,7 +14,7 @@ import numpy as np
 
 from cradle_env import display
 from cradle_env.effects import Effect, compose, effect
-from cradle_env.effects.elements import balanced, with_value
+from cradle_env.effects.elements import with_value
 from cradle_env.errors import check_range, one_line
 from cradle_env.impact_law import fit_power_law
 from cradle_env.mechanics import layout
@@ -149,7 +149,7 @@ class Cradle:
         for name, values in self.effects.items():
             if name.startswith("-") and values:
                 raise ValueError(f"{name!r} takes an effect out and has no parameters; given: {', '.join(values)}")
-            checked[name] = MappingProxyType(composed[name].checked(values, self.bobs) if name in composed else {})
+            checked[name] = MappingProxyType(composed[name].check(values, self.bobs) if name in composed else {})
         if "contact_duration" in composed and self.power_law is not None:
             raise ValueError("contact_duration follows eq. 1 in time and needs k_f; take the power law out")
         return MappingProxyType(checked)
@@ -188,7 +188,7 @@ class Cradle:
                 effects[of] = with_value(effects.get(of, {}), key, value)
             else:
                 fields[name] = value
-        closed = {name: balanced(effect(name.removeprefix("-")), known) for name, known in effects.items()}
+        closed = {name: effect(name.removeprefix("-")).balance(known) for name, known in effects.items()}
         return self.replace(**fields, effects=closed)
 
     def _kappa_for(self, beta: float) -> float:

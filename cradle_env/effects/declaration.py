@@ -53,7 +53,37 @@ class Parameter:
         """How many numbers a cradle of N bobs needs."""
         return {"": 1, "bob": bobs, "gap": bobs - 1}[self.each]
 
-    def checked(self, name: str, value: Any, bobs: int) -> float | tuple[float, ...]:
+    @property
+    def is_strength(self) -> bool:
+        """Whether the effect is absent at a value of this parameter; the others mean nothing there."""
+        return not math.isnan(self.absent)
+
+    @property
+    def one_sided(self) -> bool:
+        """Whether the parameter is at a bound when the effect is absent."""
+        return math.isinf(self.absent) or self.absent in (self.low, self.high)
+
+    def at_strength(self, factor: float) -> float:
+        """The value at `factor` scales from where the effect is absent; 1/factor scales if it is absent at inf."""
+        if math.isinf(self.absent):
+            return self.scale / factor if factor else self.absent
+        return self.absent + factor * self.scale
+
+    def repeat(self, value: float, bobs: int) -> Any:
+        """The value, moved to the nearest bound if outside, for each bob or gap; the last one balances the sum."""
+        value = min(max(value, self.low), self.high)
+        if not self.each:
+            return value
+        others = [value] * (self.count(bobs) - self.balanced)
+        return [*others, -value * len(others)] if self.balanced else others
+
+    def element_keys(self, bobs: int) -> list[str]:
+        """Keys of the values that are free: "c2", or "offset[1]", … one for each bob or gap, less a balanced last."""
+        if not self.each:
+            return [self.key]
+        return [f"{self.key}[{i + 1}]" for i in range(self.count(bobs) - self.balanced)]
+
+    def check(self, name: str, value: Any, bobs: int) -> float | tuple[float, ...]:
         """The value within its bounds; one for each bob or gap as a tuple, from a list or a single number."""
         several = isinstance(value, Sequence | np.ndarray) and not isinstance(value, str)
         number: Any = value
@@ -114,7 +144,25 @@ class Effect:
         """The parameters at which the effect is not there; those that then mean nothing at their scale."""
         return {p.key: p.scale if math.isnan(p.absent) else p.absent for p in self.parameters}
 
-    def checked(self, values: Values, bobs: int) -> dict[str, float | tuple[float, ...]]:
+    @property
+    def strengths(self) -> tuple[Parameter, ...]:
+        """The parameters at some value of which the effect is absent; none of an effect that is a switch."""
+        return tuple(p for p in self.parameters if p.is_strength)
+
+    def element_names(self, bobs: int) -> list[str]:
+        """Names of all free values for a cradle of N bobs: "effect.key", "effect.key[i]"."""
+        return [f"{self.name}.{key}" for p in self.parameters for key in p.element_keys(bobs)]
+
+    def balance(self, values: Values) -> dict[str, Any]:
+        """The values, the last of each parameter that must sum to 0 computed from the others."""
+        balanced = dict(values)
+        for p in self.parameters:
+            if p.balanced and p.key in balanced:
+                *others, _ = balanced[p.key]
+                balanced[p.key] = [*others, -sum(others)]
+        return balanced
+
+    def check(self, values: Values, bobs: int) -> dict[str, float | tuple[float, ...]]:
         """The values for a cradle of N bobs, complete and within bounds; ValueError otherwise."""
         known = {p.key: p for p in self.parameters}
         for key in values:
@@ -124,5 +172,5 @@ class Effect:
         for key, p in known.items():
             if key not in values:
                 raise ValueError(f"{self.name}: {key} [{p.unit}] is missing; {p.meaning}")
-            complete[key] = p.checked(f"{self.name}: {key}", values[key], bobs)
+            complete[key] = p.check(f"{self.name}: {key}", values[key], bobs)
         return complete

@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from cradle_env.effects.declaration import Effect
-
 
 def element_of(key: str) -> tuple[str, int | None]:
     """("offset", 0) of "offset[1]": a parameter and which of its values, all of them alike for "[*]" (−1), or None
@@ -25,13 +23,3 @@ def with_value(known: Mapping[str, Any], key: str, value: float) -> dict[str, An
     several = list(known[name])
     several = [value] * len(several) if element < 0 else [*several[:element], value, *several[element + 1 :]]
     return {**known, name: several}
-
-
-def balanced(declared: Effect, values: Mapping[str, Any]) -> dict[str, Any]:
-    """The values of an effect, the last of numbers that must sum to 0 being what the others leave."""
-    closed = dict(values)
-    for p in declared.parameters:
-        if p.balanced and p.key in closed:
-            *others, _ = closed[p.key]
-            closed[p.key] = [*others, -sum(others)]
-    return closed

@@ -12,7 +12,7 @@ import numpy as np
 from cradle_env.effects import effect
 from cradle_env.simulation import SimulationError
 from identification.diagnosis.learned_law.law import Law, advantage, can_outdo, learn
-from identification.diagnosis.selection.candidates import Candidate, is_strength, taken_from, without_effect
+from identification.diagnosis.selection.candidates import Candidate, taken_from, without_effect
 from identification.diagnosis.selection.inner_validation import FAR, predictions, refuted
 from identification.diagnosis.selection.model_comparison import ALPHA, CLOSE, Decision, judged, log_evidence
 from identification.diagnosis.selection.search import Searcher
@@ -129,7 +129,7 @@ def _excess(examined: Examined) -> float:
 
 def _bends(name: str) -> bool:
     """Whether an effect has a strength by which it could stand in for another cause."""
-    return any(is_strength(p) for p in effect(name).parameters)
+    return bool(effect(name).strengths)
 
 
 def _outdoing(course: Course) -> Law | None:

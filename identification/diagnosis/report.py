@@ -20,7 +20,6 @@ from identification.diagnosis.figures import (
 )
 from identification.diagnosis.residuals.residual_tests import in_words
 from identification.diagnosis.result import FORMAT, Diagnosis
-from identification.diagnosis.selection.candidates import one_sided
 from identification.progress import Progress
 from identification.reporting.html_page import page
 from identification.reporting.wording import Rounding, estimate, markup, minus, number, ratio, unit_markup
@@ -112,7 +111,7 @@ def _unseen(diagnosis: Diagnosis) -> dict[str, Any]:
             rows.append({"name": name, "limit": None, "moves": ["–" for _ in names]})
         elif max(map(abs, one.moves.values())) >= _MATTERS:
             least = math.isinf(one.parameter.absent)
-            bar = "" if one_sided(one.parameter) else "|"
+            bar = "" if one.parameter.one_sided else "|"
             rounding = Rounding.of(one.limit, 0.1 * abs(one.limit))
             rows.append({
                 "name": name, "symbol": bar + markup(one.parameter.symbol) + bar,

@@ -87,7 +87,7 @@ def _read_model(table: Table, bobs: int) -> tuple[dict[str, Any], tuple[str, ...
         starts = {p.key: 0.0 if p.each else p.scale for p in missing}
         unknown += [f"{name}.{key}" for key in starts]
         with stated.entry(name):
-            effects[name] = declared.checked({**values, **starts}, bobs) if values or starts else {}
+            effects[name] = declared.check({**values, **starts}, bobs) if values or starts else {}
     return {"model": base, "effects": effects}, tuple(unknown)
 
 

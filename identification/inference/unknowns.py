@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 
 from cradle_env.cradle import FIELDS, Cradle
-from cradle_env.effects import Parameter
 from cradle_env.effects.elements import element_of
 from cradle_env.errors import unknown_key
 from identification.experiment.experiment import Experiment
@@ -117,19 +116,11 @@ def _field_unknown(cradle: Cradle, name: str, prior: Prior | None) -> Unknown:
     )  # fmt: skip
 
 
-def element_names(name: str, parameter: Parameter, bobs: int) -> list[str]:
-    """The names by which the values of a parameter "effect.key" are inferred: of several that sum to 0 all but the
-    last."""
-    if not parameter.each:
-        return [name]
-    return [f"{name}[{i + 1}]" for i in range(parameter.count(bobs) - parameter.balanced)]
-
-
 def _elements(cradle: Cradle, name: str) -> list[str]:
     """What is inferred under a name: itself, or every value of a parameter with one for each bob or gap."""
     effect_name, key = name.split(".")
     found = next((p for e in cradle.composition if e.name == effect_name for p in e.parameters if p.key == key), None)
-    return [name] if found is None else element_names(name, found, cradle.bobs)
+    return [name] if found is None else [f"{effect_name}.{own}" for own in found.element_keys(cradle.bobs)]
 
 
 def _effect_unknown(cradle: Cradle, name: str, prior: Prior | None) -> Unknown:

@@ -20,7 +20,7 @@ from cradle_env.effects.learned_force import ALONG_STRINGS, IN_TIME, learned_for
 from cradle_env.effects.radial_elasticity import radial_elasticity
 from cradle_env.simulation import SimulationError
 from cradle_env.threads import in_threads
-from identification.diagnosis.selection.candidates import filled, is_strength, with_effects
+from identification.diagnosis.selection.candidates import with_effects
 from identification.diagnosis.selection.inner_validation import FAR
 from identification.diagnosis.selection.model_comparison import log_evidence
 from identification.experiment.experiment import Experiment
@@ -68,7 +68,7 @@ def library(cradle: Cradle) -> tuple[Term, ...]:
     """All terms that a cradle can have, those on all bobs alike first; along strings only of those that stretch."""
     found = []
     for declared in LEARNED:
-        for p in filter(is_strength, declared.parameters):
+        for p in declared.strengths:
             several = p.count(cradle.bobs)
             if (declared.acts_on == "contact" or p.each == "gap") and cradle.bobs == 1:
                 continue
@@ -98,7 +98,7 @@ def extended(experiment: Experiment, scales: Scales, terms: Sequence[Term]) -> E
     for name in names:
         parameters = effect(name).parameters
         values[name] = {
-            p.key: filled(p, p.absent, experiment.cradle.bobs) if is_strength(p) else scales[p.key] for p in parameters
+            p.key: p.repeat(p.absent, experiment.cradle.bobs) if p.is_strength else scales[p.key] for p in parameters
         }
     unknown = [term.name for term in terms]
     unknown += [FREQUENCY] if any(term.in_time for term in terms) else []

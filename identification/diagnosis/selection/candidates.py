@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
-import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -13,7 +12,6 @@ from cradle_env.cradle import Cradle
 from cradle_env.effects import MODELS, Effect, Parameter, effect, known_effects
 from cradle_env.effects.elements import element_of
 from identification.experiment.experiment import Experiment
-from identification.inference.unknowns import element_names
 
 Values = Mapping[str, Any]
 #: Effects that are in question together.
@@ -58,7 +56,7 @@ def candidates(cradle: Cradle) -> list[Candidate]:
         if any(p.each and not p.balanced and p.count(cradle.bobs) > 1 for p in declared.parameters):
             same = tuple(f"{declared.name}.{p.key}" + ("[*]" if p.each else "") for p in declared.parameters)
             found.append(Candidate(declared.name, chain, same, alike=True))
-        unknown = (name for e in map(effect, chain) for p in e.parameters for name in names_of(e, p, cradle.bobs))
+        unknown = (name for e in map(effect, chain) for name in e.element_names(cradle.bobs))
         found.append(Candidate(declared.name, chain, tuple(unknown)))
     return found
 
@@ -90,11 +88,6 @@ def _chain(declared: Effect) -> list[str]:
     return [*names, declared.name]
 
 
-def names_of(declared: Effect, parameter: Parameter, bobs: int) -> list[str]:
-    """The names by which a parameter's values are inferred."""
-    return element_names(f"{declared.name}.{parameter.key}", parameter, bobs)
-
-
 def parameter_of(name: str) -> Parameter:
     """The parameter of which an unknown is a value: "effect.parameter", with "[i]" where there are several."""
     owner, _, address = name.partition(".")
@@ -102,53 +95,27 @@ def parameter_of(name: str) -> Parameter:
     return next(p for p in effect(owner).parameters if p.key == key)
 
 
-def is_strength(parameter: Parameter) -> bool:
-    """Whether the effect is absent at a value of this parameter; the others mean nothing there."""
-    return not math.isnan(parameter.absent)
-
-
-def one_sided(parameter: Parameter) -> bool:
-    """Whether a parameter sits at its bound when the effect is absent."""
-    return math.isinf(parameter.absent) or parameter.absent in (parameter.low, parameter.high)
-
-
-def filled(parameter: Parameter, value: float, bobs: int) -> Any:
-    """A value within bounds, as often as the parameter has values."""
-    value = min(max(value, parameter.low), parameter.high)
-    if parameter.balanced:
-        return [value] * (parameter.count(bobs) - 1) + [-value * (parameter.count(bobs) - 1)]
-    return [value] * parameter.count(bobs) if parameter.each else value
-
-
 def shapes(declared: Effect, bobs: int) -> Iterator[dict[str, Any]]:
     """Values of the parameters that mean nothing at zero strength: their scales, then a grid of one factor each."""
-    free = [p for p in declared.parameters if not is_strength(p)]
+    free = [p for p in declared.parameters if not p.is_strength]
     seen = []
     for factors in itertools.product(_GRID, repeat=len(free)):
         if sum(factor != 1.0 for factor in factors) <= 1:
-            values = {p.key: filled(p, p.scale * factor, bobs) for p, factor in zip(free, factors, strict=True)}
+            values = {p.key: p.repeat(p.scale * factor, bobs) for p, factor in zip(free, factors, strict=True)}
             if values not in seen:
                 seen.append(values)
                 yield values
 
 
-def strength(parameter: Parameter, factor: float) -> float:
-    """The value at `factor` scales from where the effect is absent; an effect absent at infinity grows from there."""
-    if math.isinf(parameter.absent):
-        return parameter.scale / factor if factor else parameter.absent
-    return parameter.absent + factor * parameter.scale
-
-
 def starts(declared: Effect, bobs: int, factors: tuple[float, ...]) -> Iterator[dict[str, Any]]:
     """Where to start a search: each shape with the strength at these factors of its scale, on both sides if it has."""
-    strengths = [p for p in declared.parameters if is_strength(p)]
     if not declared.parameters:
         yield {}
         return
-    sides = (1.0,) if all(one_sided(p) for p in strengths) else (1.0, -1.0)
+    sides = (1.0,) if all(p.one_sided for p in declared.strengths) else (1.0, -1.0)
     for shape in shapes(declared, bobs):
         for side, factor in itertools.product(sides, factors):
-            yield shape | {p.key: filled(p, strength(p, side * factor), bobs) for p in strengths}
+            yield shape | {p.key: p.repeat(p.at_strength(side * factor), bobs) for p in declared.strengths}
 
 
 def with_effects(
@@ -159,7 +126,7 @@ def with_effects(
     kept = {name: values for name, values in cradle.effects.items() if name.removeprefix("-") not in added}
     new = cradle.replace(effects={**kept, **added})
     if unknown is None:
-        unknown = tuple(name for e in map(effect, added) for p in e.parameters for name in names_of(e, p, cradle.bobs))
+        unknown = tuple(name for e in map(effect, added) for name in e.element_names(cradle.bobs))
     more = tuple(name for name in unknown if name not in experiment.unknown_effect_parameters)
     return dataclasses.replace(
         experiment, cradle=new, unknown_effect_parameters=(*experiment.unknown_effect_parameters, *more)

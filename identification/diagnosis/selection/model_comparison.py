@@ -20,7 +20,7 @@ from cradle_env.effects.added_mass import added_mass
 from cradle_env.effects.clock_scale import clock_scale
 from cradle_env.effects.length_mismatch import length_mismatch
 from cradle_env.simulation import SimulationError
-from identification.diagnosis.selection.candidates import Candidate, candidates, is_strength, one_sided
+from identification.diagnosis.selection.candidates import Candidate, candidates
 from identification.diagnosis.selection.inner_validation import EQUAL, FAR, predictions, refuted
 from identification.diagnosis.selection.score_test import Scored, family_p, surprise_of
 from identification.diagnosis.selection.search import Searcher, only_noise
@@ -269,7 +269,7 @@ def worth_refitting(scored: Scored) -> list[Candidate]:
 
 
 def _unscored(candidate: Candidate) -> bool:
-    return len(candidate.effects) > 1 or not any(is_strength(p) for p in candidate.declaration.parameters)
+    return len(candidate.effects) > 1 or not candidate.declaration.strengths
 
 
 def judged(
@@ -278,8 +278,8 @@ def judged(
     """A refit with its figures."""
     gain = fitted.chi2 - fit.chi2
     more = len(fit.point) - len(fitted.point)
-    strengths = [p for p in candidate.declaration.parameters if is_strength(p)]
-    sided = bool(strengths) and all(map(one_sided, strengths))
+    strengths = candidate.declaration.strengths
+    sided = bool(strengths) and all(p.one_sided for p in strengths)
     beyond = max(1.0, inflation / fitted.noise_inflation)  # what the replicas do not have
     own = float(surprise_of(np.array(gain / beyond), max(more, 1), sided))
     evidence = log_evidence(gain, more, inflation, effective)

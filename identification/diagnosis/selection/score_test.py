@@ -16,7 +16,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from cradle_env.effects import Effect
-from cradle_env.effects.elements import balanced
 from cradle_env.simulation import SimulationError
 from cradle_env.threads import in_threads
 from identification.diagnosis.residuals.residual_tests import log_tail
@@ -24,11 +23,7 @@ from identification.diagnosis.selection.candidates import (
     Candidate,
     Values,
     candidates,
-    filled,
-    is_strength,
-    one_sided,
     shapes,
-    strength,
     with_effects,
 )
 from identification.inference.fit_result import Fitted, span
@@ -90,7 +85,7 @@ def score(fitted: Fitted, replicates: np.ndarray) -> Scored:
     replicas = np.zeros(replicates.shape[1])
     for candidate, shapes_of in zip(several, all_sensed, strict=True):
         directions, likely = [], []
-        sided = all(one_sided(p) for p in candidate.declaration.parameters if is_strength(p))
+        sided = all(p.one_sided for p in candidate.declaration.strengths)
         sided = sided and bool(candidate.declaration.parameters)
         best, chance, degrees = 0.0, np.zeros(replicates.shape[1]), 1
         for sensed in shapes_of:
@@ -181,7 +176,7 @@ def sensitivities(fitted: Fitted, candidate: Candidate) -> list[Sensed]:
     An effect without parameters, or one that brings others along, is not small: it is judged by its refit alone.
     """
     declared, bobs = candidate.declaration, fitted.cradle.bobs
-    strengths = [p for p in declared.parameters if is_strength(p)]
+    strengths = declared.strengths
     if not strengths or len(candidate.effects) > 1:
         return []
     elements = [
@@ -200,16 +195,16 @@ def sensitivities(fitted: Fitted, candidate: Candidate) -> list[Sensed]:
 
 def _strong(declared: Effect, bobs: int, shape: Values, elements: Sequence, factors: np.ndarray) -> Values:
     """The values of a shape with its strengths at these factors of their scales, within bounds."""
-    values = {p.key: filled(p, p.absent, bobs) for p in declared.parameters if is_strength(p)} | dict(shape)
+    values = {p.key: p.repeat(p.absent, bobs) for p in declared.strengths} | dict(shape)
     for (parameter, element), factor in zip(elements, factors, strict=True):
         if math.isinf(parameter.absent) and factor <= 0.0:
             continue  # as weak as can be
-        value = min(max(strength(parameter, float(factor)), parameter.low), parameter.high)
+        value = min(max(parameter.at_strength(float(factor)), parameter.low), parameter.high)
         if element is None:
-            values[parameter.key] = filled(parameter, value, bobs)
+            values[parameter.key] = parameter.repeat(value, bobs)
         else:
             values[parameter.key] = [value if i == element else v for i, v in enumerate(values[parameter.key])]
-    return balanced(declared, values)
+    return declared.balance(values)
 
 
 def change(fitted: Fitted, candidate: Candidate, values: Values) -> np.ndarray:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from identification.diagnosis.selection.candidates import Candidate, Values, filled, is_strength, parameter_of
+from identification.diagnosis.selection.candidates import Candidate, Values, parameter_of
 from identification.diagnosis.selection.score_test import sensitivities
 from identification.inference.fit_result import Fitted
 
@@ -37,7 +37,7 @@ def _as_in(other: Fitted, candidate: Candidate) -> Values:
         return dict(values)
     each = {p.key: p for p in candidate.declaration.parameters if p.each}
     return {
-        key: filled(each[key], float(np.mean(value)), other.cradle.bobs) if key in each else value
+        key: each[key].repeat(float(np.mean(value)), other.cradle.bobs) if key in each else value
         for key, value in values.items()
     }  # fmt: skip
 
@@ -46,7 +46,7 @@ def _grown(fitted: Fitted, name: str) -> float:
     """The change of an unknown's coordinate by which an effect came in, to first order; 0 of what means nothing
     without it, nan where it came from infinity."""
     parameter = parameter_of(name)
-    if not is_strength(parameter):
+    if not parameter.is_strength:
         return 0.0
     change = fitted.values[name] - parameter.absent
     return change if np.isfinite(change) else np.nan

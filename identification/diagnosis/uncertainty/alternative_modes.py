@@ -15,7 +15,7 @@ from scipy.stats import chi2 as chi2_distribution
 
 from cradle_env.effects import LEARNED
 from cradle_env.threads import in_threads
-from identification.diagnosis.selection.candidates import is_strength, parameter_of
+from identification.diagnosis.selection.candidates import parameter_of
 from identification.diagnosis.selection.search import Keep, fit_key
 from identification.diagnosis.uncertainty.conditional_likelihood import Held, refit_others
 from identification.inference.fit_result import Fitted
@@ -52,7 +52,7 @@ def shapes_of(fitted: Fitted) -> list[int]:
     found = []
     for i, unknown in enumerate(fitted.likelihood.unknowns):
         owner, dot, _ = unknown.name.partition(".")
-        if unknown.log and dot and owner not in learned and not is_strength(parameter_of(unknown.name)):
+        if unknown.log and dot and owner not in learned and not parameter_of(unknown.name).is_strength:
             found.append(i)
     return found
 

@@ -19,7 +19,7 @@ from scipy.stats import truncnorm
 from cradle_env.effects import Parameter
 from cradle_env.simulation import SimulationError
 from cradle_env.threads import in_threads
-from identification.diagnosis.selection.candidates import Candidate, is_strength, strength, with_effects
+from identification.diagnosis.selection.candidates import Candidate, with_effects
 from identification.diagnosis.selection.score_test import LEAST_SEEN, Score, Sensed, change
 from identification.diagnosis.selection.search import Keep, at_once, fit_key
 from identification.diagnosis.uncertainty.profile_likelihood import EVALUATIONS, profile_end
@@ -82,7 +82,7 @@ def unseen(fitted: Fitted, scores: Sequence[Score], keep: Keep = at_once) -> tup
     order hide what moves unknowns most; what would move unknowns most comes first. keep: of limits."""
     several = []
     for own in scores:
-        strengths = [p for p in own.candidate.declaration.parameters if is_strength(p)]
+        strengths = own.candidate.declaration.strengths
         if len(strengths) == 1:
             single = (sensed for sensed in own.sensed if sensed.S.shape[1] == 1)
             several += [(own.candidate, sensed, strengths[0]) for sensed in single]
@@ -116,7 +116,7 @@ def _told(fitted: Fitted, sd: np.ndarray, one: _Foretold, reached: np.ndarray) -
         name: float(moved[i] / sd[i])
         for i, name in enumerate(fitted.likelihood.names) if name in ("k_f", "kappa", "b")
     }  # fmt: skip
-    return Unseen(candidate.name, candidate.alike, parameter, strength(parameter, limit), moves)
+    return Unseen(candidate.name, candidate.alike, parameter, parameter.at_strength(limit), moves)
 
 
 def _foretold(fitted: Fitted, candidate: Candidate, sensed: Sensed, parameter: Parameter) -> _Foretold:
