@@ -30,26 +30,27 @@ extensions = [
     "sphinx.ext.napoleon",
     "sphinx_copybutton",
     "generated_parts",
+    "mathml",
 ]
 exclude_patterns = ["_build", "_ext"]
 nitpicky = True
-# Types of other packages and of unnamed modules in signatures: they have no page here.
-nitpick_ignore_regex = [(r"py:.*", r".*")]
 
 myst_enable_extensions = ["amsmath", "colon_fence", "dollarmath"]
 myst_heading_anchors = 3
 nb_execution_mode = "cache"
 nb_execution_in_temp = True
 nb_execution_cache_path = str(ROOT / "build" / "notebooks" / sources_digest())
-nb_execution_timeout = 600
+nb_execution_timeout = 1200  # s, of one cell
 nb_execution_raise_on_error = True
 nb_merge_streams = True
 suppress_warnings = ["myst-nb.lexer"]  # cells that were not run, where execution is off
 
+default_role = "code"
 autodoc_member_order = "bysource"
 autodoc_typehints = "none"
 napoleon_google_docstring = False
 
+html_math_renderer = "mathml"
 html_theme = "furo"
 html_title = f"newtons-cradle {release}"
 html_static_path = ["_static"]

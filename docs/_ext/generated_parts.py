@@ -33,10 +33,10 @@ def effects_overview() -> str:
     """One line for each effect of the catalogue."""
     rows = []
     for effect in CATALOGUE:
-        models = [f"`{name}`" for name, members in MODELS.items() if effect.name in members]
-        keys = ", ".join(f"`{p.key}`" for p in effect.parameters)
-        rows.append((f"[`{effect.name}`](#{effect.name})", effect.acts_on, effect.summary, keys, ", ".join(models)))
-    return table(("effect", "acts on", "what it is", "parameters", "in the models"), rows)
+        models = ", ".join(f"`{name}`" for name, members in MODELS.items() if effect.name in members)
+        told = f"{effect.summary} (in {models})" if models else effect.summary
+        rows.append((f"[`{effect.name}`](#{effect.name})", told, effect.acts_on))
+    return table(("effect", "what it is", "acts on"), rows)
 
 
 def effects() -> str:
@@ -200,13 +200,15 @@ def filled(text: str) -> str:
     return _MARK.sub(lambda mark: PARTS[mark[1]](), text)
 
 
-def _bars(_app: Any, _what: str, _name: str, _object: Any, _options: Any, lines: list[str]) -> None:
-    """Absolute values in docstrings are no substitutions of reStructuredText."""
+def _plain(_app: Any, what: str, _name: str, documented: Any, _options: Any, lines: list[str]) -> None:
+    """Absolute values in docstrings are no substitutions, and what a property says before a colon is no type."""
+    if what == "property":
+        lines[:] = (inspect.getdoc(documented) or "").splitlines()
     lines[:] = [line.replace("|", "\\|") for line in lines]
 
 
 def setup(app: Any) -> dict[str, Any]:
     """Fills each page as Sphinx reads it."""
     app.connect("source-read", lambda _app, _name, source: source.__setitem__(0, filled(source[0])))
-    app.connect("autodoc-process-docstring", _bars)
+    app.connect("autodoc-process-docstring", _plain, priority=600)  # after napoleon
     return {"parallel_read_safe": True, "parallel_write_safe": True}
