@@ -1,6 +1,7 @@
 """How Sphinx builds the documentation: `make docs`, offline, every warning an error."""
 
 import hashlib
+import os
 import sys
 from importlib.metadata import version as installed_version
 from pathlib import Path
@@ -17,7 +18,9 @@ def sources_digest() -> str:
     return digest.hexdigest()[:16]
 
 
+# Extensions of this folder, for Sphinx and for the kernels that run the tutorials.
 sys.path.insert(0, str(ROOT / "docs" / "_ext"))
+os.environ["PYTHONPATH"] = os.pathsep.join(filter(None, (sys.path[0], os.environ.get("PYTHONPATH"))))
 
 project = "newtons-cradle"
 author = "The newtons-cradle authors"
