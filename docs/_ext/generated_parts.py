@@ -169,13 +169,15 @@ def import_contracts() -> str:
 
 
 def _contract(contract: dict[str, Any]) -> str:
+    name = f"**{contract['name']}**"
     if contract["type"] == "layers":
-        lines = [f"- `{layer}`" for layer in contract["layers"]]
-        return "\n".join([f"**{contract['name']}**", "", *lines])
+        return "\n".join([name, "", *(f"- `{layer}`" for layer in contract["layers"])])
+    if contract["type"] != "forbidden":
+        return f"{name}."
     sources, forbidden = (
-        ", ".join(f"`{name}`" for name in contract[key]) for key in ("source_modules", "forbidden_modules")
+        ", ".join(f"`{module}`" for module in contract[key]) for key in ("source_modules", "forbidden_modules")
     )
-    return f"**{contract['name']}**: {sources} must not import {forbidden}."
+    return f"{name}: {sources} must not import {forbidden}."
 
 
 def environment() -> str:
