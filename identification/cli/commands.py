@@ -24,18 +24,10 @@ from identification.experiment.run import ReleaseInfo, Run, checked_noise
 from identification.inference.instrument import Instrument
 from identification.inference.posterior import Posterior
 from identification.inference.samples import FORMAT as POSTERIOR_FORMAT
+from identification.number_format import estimate, number, ratio, rounding_of, shown, unit_plain
 from identification.reporting import result_files
 from identification.reporting.terminal import Progress, print_table
-from identification.reporting.wording import (
-    convergence_verdict,
-    estimate,
-    model_verdict,
-    number,
-    ratio,
-    rounding_of,
-    shown,
-    unit_plain,
-)
+from identification.reporting.verdicts import convergence_verdict, model_verdict
 from identification.storage.lock import holds_out
 from identification.storage.stamps import check_own, check_report
 from identification.sweep.grid import EXCLUSIVE, of_other_bobs

@@ -16,9 +16,9 @@ from cradle_env.cradle import Cradle
 from cradle_env.plot_style import png
 from cradle_env.release import Release
 from identification.inference.unknowns import matters
+from identification.number_format import number, unit_plain
 from identification.reporting.result_files import cradle_values, release_values
 from identification.reporting.terminal import Progress, print_table
-from identification.reporting.wording import number, unit_plain
 from identification.storage.lock import holds_out
 from identification.storage.stamps import check_own, write_listed
 from identification.sweep import explore

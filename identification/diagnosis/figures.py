@@ -13,7 +13,7 @@ from identification.diagnosis.result import Diagnosis
 from identification.diagnosis.stepwise import Examined
 from identification.experiment.train_test import training_rows
 from identification.inference.fit_result import Fitted
-from identification.reporting.wording import literal
+from identification.number_format import literal
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

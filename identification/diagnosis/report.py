@@ -20,9 +20,9 @@ from identification.diagnosis.figures import (
 )
 from identification.diagnosis.residuals.residual_tests import in_words
 from identification.diagnosis.result import FORMAT, Diagnosis
+from identification.number_format import Rounding, estimate, markup, minus, number, ratio, unit_markup
 from identification.progress import Progress
 from identification.reporting.html_page import page
-from identification.reporting.wording import Rounding, estimate, markup, minus, number, ratio, unit_markup
 from identification.storage.stamps import check_own, write_listed
 
 _STAMP, _FILES = "diagnosis.json", ("report.html", "model.toml")

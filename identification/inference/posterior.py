@@ -7,7 +7,7 @@ import functools
 import math
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -17,6 +17,8 @@ from cradle_env.simulation import simulate_batch
 from cradle_env.synchronization import WINDOW
 from identification.experiment.noise import gap_of_noise
 from identification.experiment.train_test import training_rows
+from identification.inference import posterior_display, posterior_plots
+from identification.inference.arviz_data import inference_data
 from identification.inference.gap import MISFIT_GAP
 from identification.inference.likelihood import STEP_FACTOR, lifted_further
 from identification.inference.posterior_file import read_posterior, write_posterior
@@ -24,6 +26,9 @@ from identification.inference.prediction import Prediction, of_other_bobs
 from identification.inference.samples import FORMAT, Samples
 from identification.inference.statistics import statistics
 from identification.inference.unknowns import SEARCH
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 # Draws over which λ is simulated where it did not come with the likelihood.
 _LAMBDA_DRAWS = 400
@@ -196,6 +201,30 @@ class Posterior(Samples):
     def save(self, path: str | Path) -> Path:
         """Writes the samples, in their units, as an ArviZ netCDF file, with what is needed to load it again."""
         return write_posterior(self, Path(path))
+
+    def to_inference_data(self) -> Any:
+        """The samples, in their units, for ArviZ: InferenceData up to ArviZ 0.23, an xarray DataTree from 1.0.
+
+        Groups posterior and sample_stats with the variables of posterior.nc, each (chain, draw): a chain is one
+        ensemble, its draws are the walkers' positions step by step. `load` reads what its `to_netcdf` writes.
+
+        >>> arviz.summary(posterior.to_inference_data())  # doctest: +SKIP
+        """
+        return inference_data(self)
+
+    def plot_corner(self) -> Figure:
+        """A Matplotlib figure of the joint posterior of the cradle's unknowns and λ; contours hold 68 and 95 %."""
+        return posterior_plots.corner_figure(self)
+
+    def plot_fit(self) -> Figure:
+        """A Matplotlib figure of each bob's readings and the model's 95 % bands, without and with the noise."""
+        return posterior_plots.fit_figure(self)
+
+    def __repr__(self) -> str:
+        return posterior_display.line(self)
+
+    def _repr_html_(self) -> str:
+        return posterior_display.page(self)
 
     @classmethod
     def load(cls, path: str | Path, workers: int | None = None) -> Posterior:

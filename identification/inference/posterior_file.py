@@ -27,44 +27,49 @@ _REMEDY = "it is not a posterior of `cradle calibrate`"
 _ROUNDING = 1e-9
 #: λ is the mean of ln(1/σ)/t from 1 s on where σ > 0.001: at most 7 1/s.
 _MOST_LAMBDA = 10.0
-# Walkers move by each other's positions: one ensemble is one chain, its draws step by step.
-_DIMENSIONS = ("chain", "draw")
+#: Walkers move by each other's positions: one ensemble is one chain, its draws step by step.
+DIMENSIONS = ("chain", "draw")
 
 
 def write_posterior(samples: Samples, path: Path) -> Path:
     """Writes posterior.nc, whole or not at all."""
     import h5netcdf
 
-    E, S, W, _ = samples.chain.shape
-    flat = samples.chain.reshape(E, S * W, -1)
     with io.BytesIO() as buffer:
         with h5netcdf.File(buffer, "w") as file:
-            group, stats = _group(file, "posterior", E, S * W), _group(file, "sample_stats", E, S * W)
-            for k, u in enumerate(samples.unknowns):
-                variable = group.create_variable(u.name, _DIMENSIONS, data=u.value(flat[..., k]))
-                variable.attrs["units"] = u.unit
-            if samples.newton_exponents is not None:
-                group.create_variable("lambda", _DIMENSIONS, data=samples.newton_exponents.reshape(E, S * W))
-            stats.create_variable("lp", _DIMENSIONS, data=samples.log_density.reshape(E, S * W))
-            for name, value in _attributes(samples, W).items():
-                group.attrs[name] = value
+            for name, known in variables(samples).items():
+                group = _group(file, name, next(values.shape for values, _ in known.values()))
+                for key, (values, unit) in known.items():
+                    group.create_variable(key, DIMENSIONS, data=values).attrs["units"] = unit
+            file["posterior"].attrs.update(attributes(samples))
         return write(path, buffer.getvalue())
 
 
-def _group(file: Any, name: str, chains: int, draws: int) -> Any:
+def variables(samples: Samples) -> dict[str, dict[str, tuple[np.ndarray, str]]]:
+    """What posterior.nc holds, by group and name: values (chains, draws), and their unit."""
+    E, S, W, _ = samples.chain.shape
+    flat = samples.chain.reshape(E, S * W, -1)
+    posterior = {u.name: (np.asarray(u.value(flat[..., k])), u.unit) for k, u in enumerate(samples.unknowns)}
+    if samples.newton_exponents is not None:
+        posterior["lambda"] = (samples.newton_exponents.reshape(E, S * W), "1/s")
+    return {"posterior": posterior, "sample_stats": {"lp": (samples.log_density.reshape(E, S * W), "1")}}
+
+
+def _group(file: Any, name: str, shape: tuple[int, ...]) -> Any:
     group = file.create_group(name)
-    for dimension, count in zip(_DIMENSIONS, (chains, draws), strict=True):
+    for dimension, count in zip(DIMENSIONS, shape, strict=True):
         group.dimensions[dimension] = count
         group.create_variable(dimension, (dimension,), data=np.arange(count))
     return group
 
 
-def _attributes(samples: Samples, walkers: int) -> dict[str, Any]:
+def attributes(samples: Samples) -> dict[str, Any]:
+    """What posterior.nc states beside the samples, so that `Posterior.load` makes the posterior again."""
     gap = samples.gap
     by_bob = {part: values.tolist() for part, values in gap.rms.items()}
     return {
         "format": FORMAT,
-        "walkers": walkers,
+        "walkers": samples.chain.shape[2],
         "seed": samples.seed,
         "experiment": json.dumps(samples.experiment.texts()),
         "inputs": samples.experiment.digest,

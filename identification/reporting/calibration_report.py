@@ -12,17 +12,9 @@ import numpy as np
 
 from cradle_env.effects import CATALOGUE
 from identification.inference.posterior import Posterior
+from identification.number_format import markup, number, ratio, rounding_of, shown, unit_markup
 from identification.reporting.html_page import page
-from identification.reporting.wording import (
-    convergence_verdict,
-    markup,
-    model_verdict,
-    number,
-    ratio,
-    rounding_of,
-    shown,
-    unit_markup,
-)
+from identification.reporting.verdicts import convergence_verdict, model_verdict
 
 _MEANINGS = {
     "k_f": "viscoelastic dissipation in impacts",

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from identification.experiment.experiment import Experiment
-from identification.reporting.wording import minus
+from identification.number_format import minus
 
 
 def page(template: str, work: str, experiment: Experiment, **content: Any) -> str:

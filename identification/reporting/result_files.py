@@ -96,16 +96,16 @@ def save_run(
 
 def save_calibration(posterior: Posterior, folder: Path, tell: Tell = lambda *_: None) -> dict[str, Any]:
     """Writes posterior.nc, the pictures, report.html and, last, summary.json, which it returns."""
-    from identification.reporting import calibration_plots
+    from identification.inference import posterior_plots, prediction_plots
     from identification.reporting.calibration_report import calibration_html
 
     summary = posterior.summary()
     data, *names, report = CALIBRATION_FILES
     figures = (
-        calibration_plots.corner_figure,
-        calibration_plots.fit_figure,
-        calibration_plots.residual_figure,
-        calibration_plots.lambda_figure,
+        posterior_plots.corner_figure,
+        posterior_plots.fit_figure,
+        posterior_plots.residual_figure,
+        prediction_plots.lambda_figure,
     )
     draw = dict(zip(names, figures, strict=True))
     if not posterior.synchronizes:
@@ -123,7 +123,7 @@ def save_calibration(posterior: Posterior, folder: Path, tell: Tell = lambda *_:
 
 def save_prediction(prediction: Prediction, folder: Path, *, posterior: Posterior, seed: int) -> dict[str, Any]:
     """Writes prediction.csv, prediction.png and, last, prediction.json, which it returns."""
-    from identification.reporting.calibration_plots import prediction_figure
+    from identification.inference.prediction_plots import prediction_figure
 
     bands = prediction.sigma_bands()
     end, angle = prediction.release.lead(prediction.cradle)

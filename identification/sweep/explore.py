@@ -14,8 +14,8 @@ from cradle_env.cradle import Cradle
 from cradle_env.plot_style import BLUE, RED
 from cradle_env.synchronization import ENVELOPE_PERIODS, FLOOR
 from cradle_env.trajectory import Trajectory
+from identification.number_format import markup, unit_markup
 from identification.reporting.html_page import render
-from identification.reporting.wording import markup, unit_markup
 from identification.sweep.engine import sweep
 from identification.sweep.grid import Grid
 from identification.sweep.quantities import Quantity

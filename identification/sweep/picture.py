@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cradle_env.plot_style import bob_styles, quiet_grid, styled
-from identification.reporting.wording import mathtext, unit_mathtext
+from identification.number_format import mathtext, unit_mathtext
 from identification.sweep.grid import Axis, Grid
 from identification.sweep.quantities import Quantity
 from identification.sweep.swept import Swept

@@ -10,7 +10,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from identification.reporting.wording import unit_plain
+from identification.number_format import unit_plain
 from identification.storage.files import replacing
 from identification.sweep.grid import Grid, describe
 from identification.sweep.store import BLOCK, Plan

@@ -24,7 +24,7 @@ from identification.diagnosis.learned_law.terms import FREQUENCY
 from identification.diagnosis.uncertainty.intervals import Interval
 from identification.inference.fit_result import Fitted
 from identification.inference.likelihood import STEP_FACTOR
-from identification.reporting.wording import minus
+from identification.number_format import minus
 
 _POINTS = 121
 #: Relative step of k_f and of a frequency in differences.

@@ -16,8 +16,8 @@ from identification.diagnosis.next_experiment.expected_information import Plan
 from identification.diagnosis.next_experiment.planned_run import Instrument, Planned
 from identification.diagnosis.next_experiment.run_grid import described
 from identification.experiment.experiment_file import FILE_NAME
+from identification.number_format import Rounding, number, unit_plain
 from identification.reporting.html_page import page
-from identification.reporting.wording import Rounding, number, unit_plain
 from identification.storage.stamps import check_own, write_listed
 
 if TYPE_CHECKING:

@@ -16,7 +16,7 @@ from identification.inference.likelihood import Likelihood
 from identification.inference.mode_search import find_mode
 from identification.inference.posterior import Posterior
 from identification.inference.unknowns import model_unknowns
-from identification.reporting.wording import model_verdict
+from identification.reporting.verdicts import model_verdict
 from tests.reference.laboratory import record
 from tests.reference.soft_contact import SoftCradle
 from tests.synthetic import made_up_posterior, simulated_run

@@ -13,11 +13,12 @@ from cradle_env.plot_style import png
 from identification.cli.commands import _known
 from identification.experiment.experiment import Experiment
 from identification.experiment.run import Prior, ReleaseInfo, Run
+from identification.inference import posterior_plots, prediction_plots
 from identification.inference.gap import Gap
 from identification.inference.posterior import Posterior
 from identification.inference.statistics import statistics
-from identification.reporting import calibration_plots, result_files
-from identification.reporting.wording import Rounding, estimate, markup, mathtext, shown, unit_markup, unit_plain
+from identification.number_format import Rounding, estimate, markup, mathtext, shown, unit_markup, unit_plain
+from identification.reporting import result_files
 from identification.storage.files import write_json
 from tests.synthetic import made_up_posterior, simulated_run
 
@@ -115,7 +116,7 @@ def test_an_inferred_delta_is_told_by_its_median(bobs, asked):
     prediction = posterior.predict(asked, count=9, duration=3.0)
     drawn = [posterior.likelihood.values(point)["delta"] for point in posterior.draws(9)]
     assert prediction.cradle.delta == (np.median(drawn) if asked is None else asked)
-    title = calibration_plots.prediction_figure(prediction).axes[1].get_title(loc="left")
+    title = prediction_plots.prediction_figure(prediction).axes[1].get_title(loc="left")
     told = "δ = 0.001, " if asked else shown(statistics(np.array(drawn)))["median"] + " ± "
     assert told in title
 
@@ -148,7 +149,7 @@ def test_pictures_are_the_same_each_time_and_leave_matplotlib_alone():
 
     before = dict(matplotlib.rcParams)
     posterior = made_up_posterior(experiment("one bob"))
-    assert png(calibration_plots.residual_figure(posterior)) == png(calibration_plots.residual_figure(posterior))
+    assert png(posterior_plots.residual_figure(posterior)) == png(posterior_plots.residual_figure(posterior))
     assert dict(matplotlib.rcParams) == before
 
 

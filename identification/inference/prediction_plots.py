@@ -8,14 +8,15 @@ import numpy as np
 
 from cradle_env.plot_style import BLACK, BLUE, SKY, styled
 from cradle_env.plotting import show_decay, sigma_axes, within_envelopes
-from identification.inference.posterior import Posterior
-from identification.inference.prediction import Prediction
 from identification.inference.statistics import statistics
-from identification.reporting.wording import rounding_of, shown
+from identification.number_format import rounding_of, shown
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+
+    from identification.inference.posterior import Posterior
+    from identification.inference.prediction import Prediction
 
 
 @styled
@@ -31,9 +32,9 @@ def prediction_figure(prediction: Prediction) -> Figure:
 
 
 def _synchronization_figure(prediction: Prediction, rates: np.ndarray) -> Figure:
-    from matplotlib.figure import Figure
+    from cradle_env.notebook_figure import NotebookFigure
 
-    figure = Figure(figsize=(9.0, 3.6), layout="constrained")
+    figure = NotebookFigure(figsize=(9.0, 3.6), layout="constrained")
     left, right = figure.subplots(1, 2, width_ratios=(1.0, 1.55))
     found = statistics(rates)
     _show_rates(left, rates[np.isfinite(rates)])

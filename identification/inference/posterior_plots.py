@@ -1,6 +1,6 @@
 """Pictures of a calibration: the posterior, the data against it, and what is left.
 
-Each function gives a Matplotlib Figure that belongs to no window; `style.png` turns it into a file.
+Each function gives a Matplotlib Figure that belongs to no window: a notebook shows it, `plot_style.png` makes a file of it.
 """
 
 from __future__ import annotations
@@ -9,22 +9,25 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from cradle_env.plot_style import BLACK, BLUE, GREY, ORANGE, RED, quiet_grid, styled
+from cradle_env.plot_style import BLACK, BLUE, GREY, ORANGE, RED, SKY, quiet_grid, styled
 from cradle_env.threads import in_threads
 from identification.experiment.run import Run
 from identification.experiment.train_test import training_rows
+from identification.inference.arviz_data import without_arviz_notice
 from identification.inference.likelihood import rms
-from identification.inference.posterior import Posterior
 from identification.inference.statistics import statistics
-from identification.reporting.run_plots import lambda_figure, prediction_figure
-from identification.reporting.wording import literal, mathtext, ratio, rounding_of, shown, unit_mathtext
+from identification.number_format import literal, mathtext, ratio, rounding_of, shown, unit_mathtext
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+    from identification.inference.posterior import Posterior
+
 #: Samples that the corner plot shows, at most.
 _CORNER_SAMPLES = 20000
+#: Densities side by side.
+_ACROSS = 4
 #: Width of the close-ups of the fit [small-angle periods].
 _CLOSE_UP_PERIODS = 2.5
 
@@ -32,8 +35,10 @@ _CLOSE_UP_PERIODS = 2.5
 @styled
 def corner_figure(posterior: Posterior) -> Figure:
     """The joint posterior of the cradle's unknowns and λ: contours hold 68 and 95 %."""
-    import corner
-    from matplotlib.figure import Figure
+    from cradle_env.notebook_figure import NotebookFigure
+
+    with without_arviz_notice():
+        import corner
 
     columns, labels, titles = [], [], []
     for symbol, unit, samples in _physical(posterior):
@@ -48,7 +53,7 @@ def corner_figure(posterior: Posterior) -> Figure:
     table = table[:: max(1, len(table) // _CORNER_SAMPLES)]
     K = len(labels)
     size = 1.3 + 1.6 * K
-    figure = Figure(figsize=(size, size))
+    figure = NotebookFigure(figsize=(size, size))
     corner.corner(
         table, fig=figure, bins=32, smooth=1.0, color=BLUE, levels=(0.68, 0.95), plot_datapoints=False,
         fill_contours=True, max_n_ticks=3, hist_kwargs={"linewidth": 1.2},
@@ -63,6 +68,35 @@ def corner_figure(posterior: Posterior) -> Figure:
             _tidy(axes[i, j], label if j == 0 < i else "", labels[j] if i == K - 1 else "", i, j)
     margin = 0.85 / size
     figure.subplots_adjust(left=margin, bottom=margin, right=0.985, top=1.0 - 0.3 / size, wspace=0.08, hspace=0.08)
+    return figure
+
+
+@styled
+def marginals_figure(posterior: Posterior) -> Figure:
+    """The posterior density of each of the cradle's unknowns and of λ, with its 68 and 95 % intervals."""
+    from matplotlib.ticker import MaxNLocator
+
+    from cradle_env.notebook_figure import NotebookFigure
+
+    shown_here = _physical(posterior)
+    down = -(-len(shown_here) // _ACROSS)
+    figure = NotebookFigure(figsize=(9.0, 2.0 * down), layout="constrained")
+    panels = figure.subplots(down, _ACROSS, squeeze=False).ravel()
+    for axes, (symbol, unit, samples) in zip(panels, shown_here, strict=False):
+        found = statistics(samples)
+        rounding, text = rounding_of(found), shown(found)
+        factor = 10.0**rounding.exponent
+        for interval, colour in (("ci95", SKY), ("ci68", BLUE)):
+            axes.axvspan(*(bound / factor for bound in found[interval]), color=colour, alpha=0.30, linewidth=0)
+        counts, edges = np.histogram(samples / factor, 40, range=_span(samples / factor), density=True)
+        axes.stairs(counts, edges, color=BLACK, linewidth=1.1)
+        axes.set_title(f"{mathtext(symbol)} = {text['median']} ± {text['sd']}")
+        axes.set_xlabel(f"{mathtext(symbol)}{unit_mathtext(unit, rounding.exponent)}")
+        axes.set(xlim=_span(samples / factor), yticks=[], ylim=(0.0, None))
+        axes.xaxis.set_major_locator(MaxNLocator(3))
+        axes.ticklabel_format(axis="x", useOffset=False)
+    for axes in panels[len(shown_here) :]:
+        axes.set_visible(False)
     return figure
 
 
@@ -104,11 +138,11 @@ def _span(samples: np.ndarray) -> tuple[float, float]:
 @styled
 def fit_figure(posterior: Posterior, draws: int = 100) -> Figure:
     """Each bob's readings against the posterior: the whole record, its last swings, and these less their mean."""
-    from matplotlib.figure import Figure
+    from cradle_env.notebook_figure import NotebookFigure
 
     runs = posterior.experiment.runs
     panels = [(k, bob) for k, run in enumerate(runs) for bob in run.bobs_seen]
-    figure = Figure(figsize=(11.0, 1.1 + 1.3 * len(panels)), layout="constrained")
+    figure = NotebookFigure(figsize=(11.0, 1.1 + 1.3 * len(panels)), layout="constrained")
     rows = figure.subplots(len(panels), 3, width_ratios=(1.9, 1.0, 1.0), squeeze=False)
     points = posterior.draws(draws)
     bands = [_band(posterior, k, points) for k in range(len(runs))]
@@ -185,15 +219,16 @@ def _shading(posterior: Posterior) -> str:
 @styled
 def residual_figure(posterior: Posterior) -> Figure:
     """Readings less the most probable model, over the noise: by bob and time, and against a normal distribution."""
-    from matplotlib.figure import Figure
     from matplotlib.ticker import MaxNLocator
     from scipy.stats import norm
+
+    from cradle_env.notebook_figure import NotebookFigure
 
     runs = posterior.experiment.runs
     panels = [(k, bob) for k, run in enumerate(runs) for bob in run.bobs_seen]
     train, held = training_rows(posterior.experiment)
     residuals = [_residuals(posterior, k) for k in range(len(runs))]
-    figure = Figure(figsize=(10.5, 1.1 + 1.25 * len(panels)), layout="constrained")
+    figure = NotebookFigure(figsize=(10.5, 1.1 + 1.25 * len(panels)), layout="constrained")
     rows = figure.subplots(len(panels), 2, width_ratios=(4.0, 1.0), squeeze=False)
     for (k, bob), (axes, side) in zip(panels, rows, strict=True):
         run, values = runs[k], residuals[k][:, bob - 1]
@@ -236,6 +271,3 @@ def _residuals(posterior: Posterior, index: int) -> np.ndarray:
     predicted, _ = posterior.likelihood.predict(posterior.best(), index, rows)
     values[rows] = (run.readings[rows] - predicted) / posterior.likelihood.noise[index]
     return values
-
-
-__all__ = ["corner_figure", "fit_figure", "lambda_figure", "prediction_figure", "residual_figure"]
