@@ -9,7 +9,6 @@ import numpy as np
 from cradle_env.plot_style import BLUE, GREEN, GREY, ORANGE, RED, quiet_grid, styled
 from identification.diagnosis.learned_law.law_shape import Shape
 from identification.diagnosis.residuals.residual_tests import Place
-from identification.diagnosis.result import Diagnosis
 from identification.diagnosis.stepwise import Examined
 from identification.experiment.train_test import training_rows
 from identification.inference.fit_result import Fitted
@@ -18,6 +17,8 @@ from identification.number_format import literal
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+
+    from identification.diagnosis.result import Diagnosis
 
 #: Bobs shown at most, and the width of the close-up of the last swings [small-angle periods].
 _MOST_BOBS, _CLOSE_UP = 5, 4.0

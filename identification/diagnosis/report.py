@@ -6,7 +6,7 @@ import base64
 import math
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from cradle_env.effects import effect
 from cradle_env.plot_style import png
@@ -19,12 +19,16 @@ from identification.diagnosis.figures import (
     map_figure,
 )
 from identification.diagnosis.residuals.residual_tests import in_words
-from identification.diagnosis.result import FORMAT, Diagnosis
 from identification.number_format import Rounding, estimate, markup, minus, number, ratio, unit_markup
 from identification.progress import Progress
 from identification.reporting.html_page import page
 from identification.storage.stamps import check_own, write_listed
 
+if TYPE_CHECKING:
+    from identification.diagnosis.result import Diagnosis
+
+#: What diagnosis.json is marked with.
+FORMAT = "cradle-diagnosis/1"
 _STAMP, _FILES = "diagnosis.json", ("report.html", "model.toml")
 
 

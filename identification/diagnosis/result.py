@@ -6,16 +6,19 @@ import dataclasses
 import functools
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from cradle_env import __version__
 from cradle_env.cradle import Cradle
 from cradle_env.effects import LEARNED
 from cradle_env.effects.elements import element_of
+from identification.diagnosis import diagnosis_display
 from identification.diagnosis.learned_law.law import Law
 from identification.diagnosis.learned_law.law_shape import Shape, terms_of
 from identification.diagnosis.next_experiment.expected_information import Advice
 from identification.diagnosis.repair import Repaired
+from identification.diagnosis.report import FORMAT, html
 from identification.diagnosis.residuals.residual_tests import in_words
 from identification.diagnosis.selection.candidates import taken_from
 from identification.diagnosis.selection.rigid_strings import ELASTIC, taken_out
@@ -25,9 +28,12 @@ from identification.diagnosis.uncertainty.intervals import Interval, intervals
 from identification.experiment.experiment import Experiment
 from identification.inference.fit_result import Fitted
 from identification.progress import Progress
+from identification.storage.files import write
 from identification.storage.toml_table import toml_key, toml_text
 
-FORMAT = "cradle-diagnosis/1"
+if TYPE_CHECKING:
+    import pandas
+
 VERDICTS = ("nothing_missing", "named", "equivalent", "unknown")
 
 
@@ -164,7 +170,6 @@ class Diagnosis:
         parameters = self.parameters
         tell("limits", 0.5, "what the data may hide")
         unseen = [one.content() for one in self.unseen]
-        doubtful = {name for names in self.equivalent for name in names}
         return {
             "format": FORMAT,
             "version": __version__,
@@ -177,7 +182,7 @@ class Diagnosis:
                 {"run": self.experiment.runs[e.run].file, "t": e.time, "excess": e.energy, "sd": e.sd}
                 for e in self.repaired.examined[0].located.ledger
             ],
-            "steps": [self._step(step) for step in self.repaired.steps if step.effect not in doubtful],
+            "steps": self.steps,
             "equivalent": [list(names) for names in self.equivalent],
             "alike": list(self.alike),
             "taken_out": taken_out(self.base.cradle, self.experiment.cradle),
@@ -199,6 +204,35 @@ class Diagnosis:
             },
             "advice": None if self.advice is None else self.advice.content(),
         }
+
+    @property
+    def steps(self) -> list[dict[str, Any]]:
+        """The steps of diagnosis.json: each effect that is missing beyond doubt, its parameters, what it improves.
+
+        Their intervals take minutes where nothing has asked for them yet.
+        """
+        return [self._step(step) for step in self.repaired.steps if step.effect in self.effects]
+
+    def to_dataframe(self) -> pandas.DataFrame:
+        """`steps` as a pandas DataFrame: one row per parameter, "key[i]" of bob or gap i.
+
+        Columns: effect; parameter, unit, median, ci95_low and ci95_high in that unit; probability; gap_before,
+        gap_after.
+        """
+        return diagnosis_display.steps_table(self)
+
+    def report(self, path: str | Path) -> Path:
+        """Writes the report, one HTML page that opens offline, and returns its path.
+
+        >>> diagnosis.report("report.html")  # doctest: +SKIP
+        """
+        return write(Path(path), html(self, self.content()))
+
+    def __repr__(self) -> str:
+        return diagnosis_display.line(self)
+
+    def _repr_html_(self) -> str:
+        return diagnosis_display.page(self)
 
     def _law(self) -> dict[str, Any] | None:
         if self.law is None or self.shape is None:

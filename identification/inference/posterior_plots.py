@@ -1,6 +1,6 @@
 """Pictures of a calibration: the posterior, the data against it, and what is left.
 
-Each function gives a Matplotlib Figure that belongs to no window: a notebook shows it, `plot_style.png` makes a file of it.
+Each function gives a Matplotlib Figure that belongs to no window: a notebook shows it, `plot_style.png` encodes it.
 """
 
 from __future__ import annotations

@@ -1,0 +1,73 @@
+"""How a diagnosis shows itself in a terminal and in a notebook, and its steps as a table."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from cradle_env import display
+from cradle_env.effects import effect
+from identification.diagnosis.figures import comparison_figure, in_windows, map_figure
+from identification.number_format import ratio
+
+if TYPE_CHECKING:
+    import pandas
+
+    from identification.diagnosis.result import Diagnosis
+
+_HEADER = ("effect", "most probable value", "probability", "gap before", "gap after")
+_COLUMNS = (
+    "effect", "parameter", "unit", "median", "ci95_low", "ci95_high", "probability", "gap_before", "gap_after",
+)  # fmt: skip
+
+
+def line(diagnosis: Diagnosis) -> str:
+    """The verdict, the effects that are missing, and how far they close the gap."""
+    parts = [diagnosis.verdict, *diagnosis.effects]
+    if diagnosis.equivalent:
+        parts.append(f"one of {' | '.join(' + '.join(names) for names in diagnosis.equivalent)}")
+    gaps = f"held-out gap {ratio(diagnosis.gap_first)} → {ratio(diagnosis.gap_last)}"
+    return display.summary_line("Diagnosis", parts, gaps)
+
+
+def page(diagnosis: Diagnosis) -> str:
+    """The steps at their most probable values, and where model and data part, as HTML.
+
+    Intervals take minutes to work out, so a notebook does not wait for them; `to_dataframe` holds them.
+    """
+    files = ", ".join(run.file for run in diagnosis.experiment.runs)
+    caption = f"Diagnosis of {files}: {line(diagnosis).removeprefix('Diagnosis(').removesuffix(')')}"
+    rows = []
+    for step in diagnosis.repaired.steps:
+        declared, values = effect(step.effect), diagnosis.model.effects.get(step.effect, {})
+        units = {parameter.key: parameter.unit for parameter in declared.parameters}
+        known = (f"{key} = {display.value_text(value)} {units[key]}".rstrip() for key, value in values.items())
+        gaps = ratio(step.before.held_out_gap()), ratio(step.after.held_out_gap())
+        rows.append((step.effect, ", ".join(known), f"{step.probability:.3f}", *gaps))
+    first = diagnosis.repaired.examined[0]
+    if in_windows(first):
+        figure, description = map_figure(first), "Where the model as given and the data part, by bob and time"
+    else:
+        figure, description = comparison_figure(diagnosis), "Readings and residuals, before and after"
+    return display.table(caption, rows, _HEADER) + display.picture(figure, description)
+
+
+def steps_table(diagnosis: Diagnosis) -> pandas.DataFrame:
+    """The steps as a DataFrame, see `Diagnosis.to_dataframe`."""
+    import pandas
+
+    rows: list[dict[str, Any]] = []
+    for step in diagnosis.steps:
+        whole = {name: step[name] for name in ("effect", "probability", "gap_before", "gap_after")}
+        units = {parameter.key: parameter.unit for parameter in effect(step["effect"]).parameters}
+        for key, found in step["parameters"].items():
+            medians, intervals = np.atleast_1d(found["median"]), np.reshape(found["ci95"], (-1, 2))
+            several = isinstance(found["median"], list)
+            for i, (median, (low, high)) in enumerate(zip(medians, intervals, strict=True), start=1):
+                name = f"{key}[{i}]" if several else key
+                known = {"unit": units[key], "median": median, "ci95_low": low, "ci95_high": high}
+                rows.append({**whole, "parameter": name, **known})
+        if not step["parameters"]:
+            rows.append(whole)
+    return pandas.DataFrame(rows, columns=pandas.Index(_COLUMNS))
