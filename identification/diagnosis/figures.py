@@ -70,7 +70,9 @@ def map_figure(examined: Examined) -> Figure:
             f"{literal(examined.fitted.experiment.runs[k].file)}: dots are beyond what chance gives one scan in 20"
         )
     if image is not None:
-        figure.colorbar(image, ax=list(grid), label="−log$_{10}$ p of a place", extend="max", fraction=0.04)
+        figure.colorbar(
+            image, ax=list(grid), label="−log$_{10}$ p of a place", extend="max", fraction=0.04, format="%.2g"
+        )
     return figure
 
 
