@@ -69,7 +69,8 @@ class Settings:
         own = {f.name for f in dataclasses.fields(cls)} - {"cradle"}
         for key in given:
             if key not in SETTINGS:
-                raise TypeError(unknown_key("setting", key, SETTINGS))
+                # Python's own words: TorchRL's GymEnv leaves `frameskip` out where it reads them.
+                raise TypeError(f"unexpected keyword argument {key!r}: {unknown_key('setting', key, SETTINGS)}")
         cradle = {key: value for key, value in given.items() if key not in own}
         return cls(cradle=cradle, **{key: value for key, value in given.items() if key in own})
 
