@@ -53,12 +53,13 @@ class NewtonCradleReleaseEnv(gym.Env[np.ndarray, np.ndarray]):
     | 13 | δ | 1 | −1 | 1 |
     | 14 | release angle | rad | 0 | π |
 
-    `info` holds `sigma` and `times` [s], the whole curve, `newton_exponent`, `delta`, `release_angle` and `cradle`.
+    `info` has the same keys, with arrays of the same shape, after `reset` and `step`: `times` [s] and `sigma`, the whole
+    curve, both (T,); `newton_exponent` [1/s], `delta` and `release_angle` [rad]. Before the experiment they are as in
+    the observation, σ = 1 at all times. The cradle itself is `env.unwrapped.cradle`.
 
     ## Rewards
 
-    "synchronize": λ [1/s]; "sustain": −λ; or a function of the two infos, before and after (before the experiment
-    without the curve). λ beats with δ and grows
+    "synchronize": λ [1/s]; "sustain": −λ; or a function of the two infos, before and after. λ beats with δ and grows
     with the angle; at small angles and δ > 0.03 it is rugged. With the default settings it lies between 0.07 1/s (at
     δ = −0.02) and 0.31 1/s (near δ = 0.1, 0.06 rad).
 
@@ -90,7 +91,7 @@ class NewtonCradleReleaseEnv(gym.Env[np.ndarray, np.ndarray]):
                 raise TypeError(f"{name} is a setting of NewtonCradle-v0; here nothing is controlled, so leave it out")
         self.settings = Settings.of(**settings)
         check_duration(self.settings.duration, _SAMPLE_RATE)
-        sample_times(self.settings.duration, _SAMPLE_RATE)
+        self._times = sample_times(self.settings.duration, _SAMPLE_RATE)
         fastest = Cradle(length=self.settings.narrowest().length, gravity=self.settings.widest().gravity)
         half_window(fastest.period, 1.0 / _SAMPLE_RATE)
         lifted = Release(angle=1.0, bobs=self.settings.released_bobs)  # to whatever angle
@@ -101,8 +102,9 @@ class NewtonCradleReleaseEnv(gym.Env[np.ndarray, np.ndarray]):
         high = np.concatenate([np.full(len(FEATURES), 2.0), [_FASTEST, 1.0, math.pi]])
         dtype = self.settings.dtype
         self.observation_space = Box(low.astype(dtype), rounded(high, np.inf, dtype), dtype=dtype.type)
-        self._cradle: Cradle | None = None
-        self._angle, self._closed = 0.0, False
+        #: The cradle of the experiment: as drawn by `reset`, with the δ of the action after `step`.
+        self.cradle: Cradle | None = None
+        self._angle, self._ready, self._closed = 0.0, False, False
         self._episode = self.settings
 
     def reset(
@@ -113,36 +115,39 @@ class NewtonCradleReleaseEnv(gym.Env[np.ndarray, np.ndarray]):
             raise error.ClosedEnvironmentError("this environment is closed; make another")
         self._episode, posterior = self.settings.for_episode(options)
         super().reset(seed=seed)
-        self._cradle, self._angle = self._episode.drawn(self.np_random, posterior)
-        half_window(self._cradle.period, 1.0 / _SAMPLE_RATE)
+        self._ready = False  # a refusal leaves no episode
+        self.cradle, self._angle = self._episode.drawn(self.np_random, posterior)
+        half_window(self.cradle.period, 1.0 / _SAMPLE_RATE)
+        self._ready = True
         self._info = {
             "newton_exponent": 0.0,
-            "delta": self._cradle.delta,
+            "delta": self.cradle.delta,
             "release_angle": self._angle,
-            "cradle": self._cradle,
+            "times": self._times.copy(),
+            "sigma": np.ones(len(self._times)),
         }
         return self._observation(np.ones(len(FEATURES)), self._info), dict(self._info)
 
     def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
         """The experiment."""
-        if self._cradle is None:
+        if self.cradle is None or not self._ready:
             if self._closed:
                 raise error.ClosedEnvironmentError("this environment is closed; make another")
             raise error.ResetNeeded("call reset before step: each experiment is an episode")
         action = self._episode.checked_action(action)
-        values = self._episode.meaning(action, self._cradle, self._angle)
-        cradle = self._cradle.replace(delta=values["delta"])
+        values = self._episode.meaning(action, self.cradle, self._angle)
+        cradle = self.cradle.replace(delta=values["delta"])
         asked = Release(angle=values["release_angle"], bobs=self._episode.released_bobs, start=self._episode.start)
         release = raised(cradle, asked)
         run = simulate(cradle, release, self._episode.duration, _SAMPLE_RATE, ledger=False)
         sigma, exponent = run.sigma(), run.newton_exponent()
         info = {
             "newton_exponent": exponent if math.isfinite(exponent) else _FASTEST,
-            "delta": values["delta"], "release_angle": release.angle, "cradle": cradle, "times": run.t, "sigma": sigma,
+            "delta": values["delta"], "release_angle": release.angle, "times": run.t, "sigma": sigma,
         }  # fmt: skip
         reward = self._episode.reward
         gained = reward(self._info, info) if callable(reward) else info["newton_exponent"]
-        self._cradle = None
+        self.cradle, self._ready = cradle, False
         rows = np.rint(FEATURES * (len(run.t) - 1)).astype(int)
         return (
             self._observation(sigma[rows], info),
@@ -159,4 +164,4 @@ class NewtonCradleReleaseEnv(gym.Env[np.ndarray, np.ndarray]):
 
     def close(self) -> None:
         """No step afterwards."""
-        self._cradle, self._closed = None, True
+        self._ready, self._closed = False, True

@@ -116,6 +116,17 @@ def test_unknown_settings_are_told_by_make() -> None:
         gym.make("NewtonCradle-v0", delt=0.0)
 
 
+@pytest.mark.parametrize("name", IDS)
+@pytest.mark.parametrize("make", [gym.make, functools.partial(gym.make_vec, num_envs=2)], ids=["single", "vector"])
+def test_a_framework_may_offer_settings_that_are_not_there(name: str, make) -> None:
+    """TorchRL offers `frameskip` to every environment, and looks for Python's words in the error."""
+    with pytest.raises(TypeError) as refused:
+        make(name, frameskip=1)
+    assert "unexpected keyword argument 'frameskip'" in str(refused.value)
+    assert "known: actions, b, bobs" in str(refused.value)
+    make(name).close()
+
+
 # --- Gymnasium's checks -----------------------------------------------------------------------------------------
 
 CONFIGURATIONS = {
@@ -165,6 +176,22 @@ def test_gymnasium_finds_nothing_wrong_with_the_release(told: dict) -> None:
     for _, reward, terminated, truncated, _ in rollout(env, random_actions(env, 3), seed=1)[1::2]:
         assert math.isfinite(reward)
         assert (terminated, truncated) == (True, False)
+
+
+@pytest.mark.parametrize("duration", [2.0, 5.0])
+def test_the_release_shows_the_same_before_and_after(duration: float) -> None:
+    """Recorders such as Minari's stack infos: keys, shapes and types stay."""
+    env = NewtonCradleReleaseEnv(duration=duration, release_angle=0.2)
+    before, after = env.reset(seed=0)[1], env.step(NOTHING)[4]
+    for info in (before, after):
+        assert list(info) == ["newton_exponent", "delta", "release_angle", "times", "sigma"]
+        assert info["sigma"].shape == info["times"].shape == (round(240 * duration) + 1,)
+        assert all(np.asarray(value).dtype == np.float64 for value in info.values())
+    np.testing.assert_array_equal(before["times"], after["times"])
+    assert (before["sigma"] == 1.0).all() and before["newton_exponent"] == 0.0 and before["release_angle"] == 0.2
+    assert after["sigma"].min() < 0.9
+    before["times"][:] = 0.0  # the caller's own
+    assert env.reset()[1]["times"][-1] == duration
 
 
 def test_gymnasium_finds_nothing_wrong_with_the_pictures() -> None:
@@ -227,7 +254,10 @@ def test_seeds_choose_what_is_drawn() -> None:
     assert np.array_equal(env.reset(seed=1)[0], first)
     assert np.array_equal(env.reset()[0], second)
     release = NewtonCradleReleaseEnv(**RANGES)
-    drawn = [release.reset(seed=1)[1]["cradle"], release.reset()[1]["cradle"], release.reset(seed=1)[1]["cradle"]]
+    drawn = []
+    for seed in (1, None, 1):
+        release.reset(seed=seed)
+        drawn.append(release.cradle)
     assert drawn[0] == drawn[2] != drawn[1]
 
 
