@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any, NoReturn
 
 import gymnasium as gym
 import numpy as np
 from gymnasium import error, logger
 
-from cradle_env.cradle import Cradle
-from cradle_env.envs.episodes import EPISODE_ARRAYS, Episodes, check_status, shown
+from cradle_env.envs.episodes import Episodes, check_status, shown
 from cradle_env.envs.settings import Settings
 from cradle_env.envs.spaces import action_space, observation_space
-from cradle_env.envs.view import View
-from cradle_env.errors import one_line
+from cradle_env.envs.state import State, check_state
+from cradle_env.envs.view import View, check_render_mode
 from cradle_env.mechanics.control_interval import BAD_ACTION, OVER, REWARD, SYNCHRONIZED
 
 
@@ -247,59 +244,3 @@ class NewtonCradleEnv(gym.Env[np.ndarray, np.ndarray]):
         if self._closed:
             raise error.ClosedEnvironmentError("this environment is closed; make another")
         raise error.ResetNeeded("there is no episode; call reset first")
-
-
-@dataclass(frozen=True)
-class State:
-    """A state of one environment or of many: their settings and cradles, the arrays of their episodes, their random
-    numbers."""
-
-    settings: tuple[Mapping[str, Any], ...]
-    cradles: tuple[Cradle | None, ...]
-    arrays: tuple[np.ndarray, ...]
-    random: list[Mapping[str, Any] | None]
-    seeds: list[int]
-    ready: bool
-
-    def repeated(self, count: int) -> State:
-        """This state of a single environment as that of a vector environment of `count`, for planners that try many
-        actions at once."""
-        repeated = [np.repeat(array, count, axis=0) for array in self.arrays]
-        episodes, more = repeated[:EPISODE_ARRAYS], repeated[EPISODE_ARRAYS:]
-        if len(more) == 1:  # a scalar environment keeps its impacts
-            more = [np.maximum(episodes[3]["steps"], 0), np.zeros(count, bool)]
-        return State(
-            settings=self.settings * count,
-            cradles=self.cradles * count,
-            arrays=(*episodes, *more),
-            random=self.random * count,
-            seeds=self.seeds * count,
-            ready=self.ready,
-        )
-
-
-def check_render_mode(mode: str | None, metadata: dict[str, Any]) -> str | None:
-    """The mode, if there is such a one; ValueError otherwise."""
-    if mode is not None and mode not in metadata["render_modes"]:
-        raise ValueError(f"render_mode is {one_line(mode)}; choose one of {', '.join(metadata['render_modes'])}")
-    return mode
-
-
-def check_state(state: State, settings: Sequence[Settings], episodes: Episodes, more: int) -> None:
-    """TypeError unless it is a state, ValueError unless it is of environments of this kind, which has so many more
-    arrays than those of its episodes, and with these settings."""
-    if not isinstance(state, State):
-        raise TypeError(f"the state is {state!r:.100}; it must be what get_state returns")
-    if len(state.settings) != len(settings):
-        raise ValueError(f"the state is of {len(state.settings)} environments; this is {len(settings)}")
-    if len(state.arrays) != len(episodes.arrays()) + more:
-        raise ValueError("the state is of a vector environment, or this is one; each takes those of its own kind")
-    for theirs, own in zip(state.settings, settings, strict=True):
-        for name, value in own.lasting.items():
-            if theirs[name] != value:
-                raise ValueError(
-                    f"the state is of an environment with {name} {theirs[name]!r}; here it is {one_line(value)}"
-                )
-    for cradle in state.cradles:
-        if cradle is not None:
-            episodes.check_shown(cradle)

@@ -13,10 +13,12 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
 from cradle_env.envs.episodes import Episodes, check_status, shown
-from cradle_env.envs.newton_cradle import NewtonCradleEnv, State, check_render_mode, check_state
-from cradle_env.envs.settings import Settings, as_numbers
+from cradle_env.envs.newton_cradle import NewtonCradleEnv
+from cradle_env.envs.settings import Settings
 from cradle_env.envs.spaces import action_space, observation_space
-from cradle_env.envs.view import View
+from cradle_env.envs.state import State, check_state
+from cradle_env.envs.vector_arguments import checked_actions, checked_mask, checked_seeds, indices, mapping
+from cradle_env.envs.view import View, check_render_mode
 from cradle_env.errors import one_line
 from cradle_env.mechanics.control_interval import OVER, REWARD, SYNCHRONIZED
 from cradle_env.threads import cores
@@ -54,7 +56,7 @@ class NewtonCradleVectorEnv(VectorEnv):
         self._each = (
             [self.settings] * num_envs
             if each is None
-            else [Settings.of(**{**settings, **_mapping(own)}) for own in each]
+            else [Settings.of(**{**settings, **mapping(own)}) for own in each]
         )
         if render_mode == "human":
             raise ValueError('render_mode is "human"; a window shows one cradle, so choose "rgb_array" or "ansi"')
@@ -92,15 +94,12 @@ class NewtonCradleVectorEnv(VectorEnv):
         """Begins all episodes, or those of options["reset_mask"] (K,) bool; environment i has the seed `seed` + i."""
         if self.closed:
             raise error.ClosedEnvironmentError("this environment is closed; make another")
-        seeds = [None] * self.num_envs if seed is None else seed
-        seeds = [int(seeds) + i for i in range(self.num_envs)] if isinstance(seeds, int | np.integer) else list(seeds)
-        if len(seeds) != self.num_envs:
-            raise ValueError(f"{len(seeds)} seeds for {self.num_envs} environments; give one each, or a single one")
-        options = _mapping({} if options is None else options, "options")
-        which = _checked_mask(options.pop("reset_mask", None), self.num_envs)
+        seeds = checked_seeds(seed, self.num_envs)
+        options = mapping({} if options is None else options, "options")
+        which = checked_mask(options.pop("reset_mask", None), self.num_envs)
         if not self._ready and not which.all():
-            raise error.ResetNeeded(f"there are no episodes {_indices(~which)} yet; reset all of them first")
-        for k in _indices(which):
+            raise error.ResetNeeded(f"there are no episodes {indices(~which)} yet; reset all of them first")
+        for k in indices(which):
             if seeds[k] is not None:
                 self._random[k], self._seeds[k] = seeding.np_random(seeds[k])
             self._begin(k, options)
@@ -131,10 +130,10 @@ class NewtonCradleVectorEnv(VectorEnv):
         """One control interval of every environment that is not to be reset first."""
         if not self._ready:
             self._refuse()
-        self._episodes.actions[:] = self._checked_actions(actions)
+        self._episodes.actions[:] = checked_actions(actions, self._episodes.actions.shape)
         if self.autoreset_mode is AutoresetMode.DISABLED and self._over.any():
-            raise error.ResetNeeded(f"episodes {_indices(self._over)} are over; reset them with options reset_mask")
-        waiting = _indices(self._over)
+            raise error.ResetNeeded(f"episodes {indices(self._over)} are over; reset them with options reset_mask")
+        waiting = indices(self._over)
         before = {k: self._episodes.info(k) for k in self._rewarding}
         self._advance(waiting)
         for k in waiting:
@@ -155,7 +154,7 @@ class NewtonCradleVectorEnv(VectorEnv):
         last: dict[str, Any] = {}
         if self.autoreset_mode is AutoresetMode.SAME_STEP and self._over.any():
             final = np.full(self.num_envs, None, dtype=object)
-            for k in _indices(self._over):
+            for k in indices(self._over):
                 final[k] = self._episodes.observations[k].astype(self.settings.dtype)
             last = {
                 "final_obs": final,
@@ -163,23 +162,11 @@ class NewtonCradleVectorEnv(VectorEnv):
                 "final_info": self._infos(self._over),
                 "_final_info": self._over.copy(),
             }
-            for k in _indices(self._over):
+            for k in indices(self._over):
                 self._begin(k)
             self._over = np.zeros(self.num_envs, bool)
         seen = self._episodes.observations.astype(self.settings.dtype)
         return seen, rewards, terminated, truncated, {**last, **self._infos()}
-
-    def _checked_actions(self, actions: Any) -> np.ndarray:
-        checked = as_numbers(actions)
-        if checked.shape != self.action_space.shape:
-            told = f"of shape {actions.shape} and type {actions.dtype}" if isinstance(actions, np.ndarray) else ""
-            wanted = f"numbers in [-1, 1] of shape {self.action_space.shape}"
-            raise error.InvalidAction(f"actions are {told or repr(actions)[:100]}; they must be {wanted}")
-        outside = ~(np.abs(checked) <= 1.0).all(axis=1)
-        if outside.any():
-            k = _indices(outside)[0]
-            raise error.InvalidAction(f"the action of environment {k} is {checked[k].tolist()}; it must be in [-1, 1]")
-        return checked
 
     def _advance(self, waiting: list[int]) -> None:
         """Steps all episodes but those waiting, each thread a part of them."""
@@ -201,7 +188,7 @@ class NewtonCradleVectorEnv(VectorEnv):
             failed = list(self._pool.map(work, range(len(self._steppers))))
         if any(failed):
             self._ready = False
-            k = _indices(self._episodes.episodes["status"] != 0)[0]
+            k = indices(self._episodes.episodes["status"] != 0)[0]
             check_status(int(self._episodes.episodes["status"][k]), float(self._episodes.report[k, 0]))
 
     def _infos(self, which: np.ndarray | None = None) -> dict[str, Any]:
@@ -279,27 +266,3 @@ class NewtonCradleVectorEnv(VectorEnv):
 
     def __getstate__(self) -> dict[str, Any]:
         return {**self.__dict__, "_pool": None}
-
-
-def _indices(which: Any) -> list[int]:
-    return np.flatnonzero(which).tolist()
-
-
-def _mapping(given: Any, name: str = "each") -> dict[str, Any]:
-    """A copy of it; TypeError if it is no mapping."""
-    if not isinstance(given, Mapping):
-        wanted = "a dictionary" if name == "options" else "one dictionary of settings for each environment"
-        raise TypeError(f"{name} has {one_line(given)}; it must be {wanted}")
-    return dict(given)
-
-
-def _checked_mask(mask: Any, count: int) -> np.ndarray:
-    if mask is None:
-        return np.ones(count, bool)
-    if not isinstance(mask, np.ndarray) or mask.dtype != np.bool_:
-        raise TypeError(f"options['reset_mask'] is {one_line(mask)}; it must be a numpy array of {count} booleans")
-    if mask.shape != (count,):
-        raise ValueError(f"options['reset_mask'] has shape {mask.shape}; it must have shape ({count},)")
-    if not mask.any():
-        raise ValueError("options['reset_mask'] resets nothing; set at least one of it")
-    return mask.copy()

@@ -8,6 +8,7 @@ import numpy as np
 
 from cradle_env.envs.episodes import Episodes
 from cradle_env.envs.settings import Settings
+from cradle_env.errors import one_line
 from cradle_env.mechanics import control_interval
 from cradle_env.rendering import FADE, Canvas, Scene, contact, extent, text
 from cradle_env.trajectory import IMPACT
@@ -78,3 +79,10 @@ class View:
 
     def __getstate__(self) -> dict[str, Any]:
         return {**self.__dict__, "_canvas": None}
+
+
+def check_render_mode(mode: str | None, metadata: dict[str, Any]) -> str | None:
+    """The mode, if there is such a one; ValueError otherwise."""
+    if mode is not None and mode not in metadata["render_modes"]:
+        raise ValueError(f"render_mode is {one_line(mode)}; choose one of {', '.join(metadata['render_modes'])}")
+    return mode
