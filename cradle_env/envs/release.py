@@ -53,7 +53,7 @@ class NewtonCradleReleaseEnv(gym.Env[np.ndarray, np.ndarray]):
     | 13 | δ | 1 | −1 | 1 |
     | 14 | release angle | rad | 0 | π |
 
-    `info` has the same keys, with arrays of the same shape, after `reset` and `step`: `times` [s] and `sigma`, the whole
+    `info` has the same keys, with arrays of one shape, after `reset` and `step`: `times` [s] and `sigma`, the whole
     curve, both (T,); `newton_exponent` [1/s], `delta` and `release_angle` [rad]. Before the experiment they are as in
     the observation, σ = 1 at all times. The cradle itself is `env.unwrapped.cradle`.
 
