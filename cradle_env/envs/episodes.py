@@ -12,7 +12,7 @@ import numpy as np
 
 from cradle_env.cradle import Cradle
 from cradle_env.envs.settings import Settings
-from cradle_env.envs.spaces import largest
+from cradle_env.envs.spaces import largest, of_camera
 from cradle_env.errors import check_range
 from cradle_env.kernel_records import records
 from cradle_env.mechanics import control_interval, event_loop, restitution
@@ -21,7 +21,7 @@ from cradle_env.simulation import EXHAUSTED, SimulationError, check_cost, check_
 from cradle_env.synchronization import ENVELOPE_PERIODS, FLOOR, WINDOW
 
 #: How many arrays `Episodes.arrays` are.
-EPISODE_ARRAYS = 7
+EPISODE_ARRAYS = 8
 # Integration step over that of `simulate`: 1e-8 rad instead of 1e-10 over 10 s, 1e-5 where contacts are followed in
 # time.
 _STEP_FACTOR = 2.0
@@ -59,6 +59,8 @@ class Episodes:
         self.report = np.zeros((count, control_interval.REPORT))
         #: float64 whatever an environment shows: another type would compile the kernels anew.
         self.observations = np.zeros((count, 4 * n + 3))
+        #: Errors of the last readings of θ [rad]; empty where the state is seen as it is.
+        self.camera_errors = np.zeros((count, n if settings.camera_noise is not None else 0))
         #: What the next step takes, in [-1, 1]; no part of the state.
         self.actions = np.zeros((count, len(settings.actions)))
         self._steppers: list[Stepper] = []
@@ -87,7 +89,10 @@ class Episodes:
 
     def arrays(self) -> tuple[np.ndarray, ...]:
         """Everything that makes up the state: copies of these, put back, continue bit for bit."""
-        return self.cradles, self.bobs, self.state, self.episodes, self.report, self.observations, self.ring
+        return (
+            self.cradles, self.bobs, self.state, self.episodes, self.report, self.observations, self.camera_errors,
+            self.ring,
+        )  # fmt: skip
 
     def restore(self, arrays: tuple[np.ndarray, ...], of: Sequence[Cradle | None]) -> None:
         """Takes up a state of the cradles `of`, copied from `arrays`."""
@@ -98,6 +103,20 @@ class Episodes:
         self.episodes["largest"] = self._largest  # what is shown here, whatever was shown there
         self.of = list(of)
         self._find_forces()
+
+    def read(self, k: int, noise: float | None, random: np.random.Generator) -> None:
+        """The camera, if there is one, reads the angles of episode k; noise: standard deviation [rad]."""
+        if noise is not None:
+            self.camera_errors[k] = noise * random.standard_normal(self.camera_errors.shape[1])
+
+    def seen(self) -> np.ndarray:
+        """What the environments show: the true state (count, 4 N + 3), or what their cameras read (count, N + 2)."""
+        n = self.camera_errors.shape[1]
+        if n == 0:
+            return self.observations
+        readings = of_camera(self.observations)
+        readings[:, :n] = np.clip(readings[:, :n] + self.camera_errors, -math.pi, math.pi)
+        return readings
 
     def info(self, k: int) -> dict[str, float]:
         """The info of episode k."""

@@ -62,6 +62,10 @@ class NewtonCradleEnv(gym.Env[np.ndarray, np.ndarray]):
 
     This is the true motion: effects that act on a measurement change readings of it alone, not what is seen here.
 
+    With `camera_noise` the agent sees less: `Box((N + 2,), float32)` holds θ as a camera reads it once in every control
+    interval, with independent normal errors of that standard deviation, then δ and the time. Lengths, speeds and σ are
+    not seen. `info` and the rewards stay true.
+
     σ(t) = |max θ + min θ| / θ0 of the lifted bob over the last 1.05 periods: the paper's σ at the middle of that
     window, the latest that can be known at t. Until the first window is full σ is 1; with nothing
     to synchronize with, one bob alone or all lifted, it stays 1.
@@ -116,6 +120,7 @@ class NewtonCradleEnv(gym.Env[np.ndarray, np.ndarray]):
     | `duration` | 60.0 | s |
     | `reward` | "synchronize" | or "sustain", or a function |
     | `synchronized_at` | 0.05 | σ |
+    | `camera_noise` | None | or rad, 0 to 1: observations are a camera's |
     | `dtype` | float32 | or float64 |
     | `render_mode` | None | "human", "rgb_array" or "ansi" |
 
@@ -160,12 +165,13 @@ class NewtonCradleEnv(gym.Env[np.ndarray, np.ndarray]):
         cradle, angle = settings.drawn(self.np_random, posterior)
         self._ready = False  # a refusal leaves no episode
         self._episodes.begin(0, settings, cradle, angle)
+        self._episodes.read(0, self.settings.camera_noise, self.np_random)
         self._ready = self._begun = True
         if self._view is not None:
             self._view.begin()
             if self.render_mode == "human":
                 self.render()
-        return self._episodes.observations[0].astype(self.settings.dtype), self._episodes.info(0)
+        return self._episodes.seen()[0].astype(self.settings.dtype), self._episodes.info(0)
 
     def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
         """One control interval."""
@@ -189,7 +195,8 @@ class NewtonCradleEnv(gym.Env[np.ndarray, np.ndarray]):
             self._view.follow(info, self.impacts)
             if self.render_mode == "human":
                 self.render()
-        seen = episodes.observations[0].astype(self.settings.dtype)
+        episodes.read(0, self.settings.camera_noise, self.np_random)
+        seen = episodes.seen()[0].astype(self.settings.dtype)
         return seen, reward, row[SYNCHRONIZED] > 0.0, row[OVER] > 0.0, info
 
     def render(self) -> Any:

@@ -25,7 +25,7 @@ _FASTEST = 7.0
 #: Samples of an experiment [1/s].
 _SAMPLE_RATE = 240.0
 #: Settings of control, which there is none of.
-_OF_CONTROL = ("control_interval", "spacer_speed", "synchronized_at")
+_OF_CONTROL = ("control_interval", "spacer_speed", "synchronized_at", "camera_noise")
 
 
 class NewtonCradleReleaseEnv(gym.Env[np.ndarray, np.ndarray]):

@@ -28,6 +28,8 @@ REWARDS = ("synchronize", "sustain")
 DELTA_LIMITS = (-0.05, 0.2)
 #: What `reset(options=...)` can change for one episode.
 PER_EPISODE = ("delta", "release_angle", *CRADLE_NUMBERS)
+# A camera that errs by more [rad] sees nothing of a swing.
+_MOST_NOISE = 1.0
 
 Range = float | tuple[float, float]
 
@@ -42,6 +44,7 @@ class Settings:
     sets, the rest being as set here; delta_range, release_angle_range [rad]: what the actions −1 and 1 mean, 0
     being the setting; spacer_speed: fastest change of a gap [m/s]; control_interval [s]; duration of an episode
     [s]; reward: "synchronize", "sustain" or a function of two infos, before and after a step; synchronized_at: σ;
+    camera_noise: standard deviation of the angles that a camera reads [rad], None where the state is seen as it is;
     dtype of the observations. Raises ValueError or TypeError, naming the setting and what is allowed.
     """
 
@@ -61,6 +64,7 @@ class Settings:
     duration: float = 60.0
     reward: str | Callable[[dict[str, float], dict[str, float]], float] = "synchronize"
     synchronized_at: float = 0.05
+    camera_noise: float | None = None
     dtype: Any = np.float32
 
     @classmethod
@@ -98,6 +102,8 @@ class Settings:
         if self.control_interval > self.duration:
             raise ValueError(f"control_interval is {self.control_interval:g} s; an episode lasts {self.duration:g} s")
         put("synchronized_at", check_range("synchronized_at", self.synchronized_at, "", 0.0, 1.0, above=True))
+        if self.camera_noise is not None:
+            put("camera_noise", check_range("camera_noise", self.camera_noise, "rad", 0.0, _MOST_NOISE))
         try:
             put("dtype", np.dtype(self.dtype))
         except TypeError:

@@ -71,7 +71,9 @@ class NewtonCradleVectorEnv(VectorEnv):
         self.single_action_space = action_space(self.settings)
         for own in self._each:
             if observation_space(own) != self.single_observation_space or action_space(own) != self.single_action_space:
-                raise ValueError("each: bobs, actions, length, gravity, duration and dtype must be the same for all")
+                raise ValueError(
+                    "each: bobs, actions, length, gravity, duration, dtype and a camera must be the same for all"
+                )
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
         self.action_space = batch_space(self.single_action_space, self.num_envs)
         self._limit = max_episode_steps if max_episode_steps is not None and max_episode_steps > 0 else np.inf
@@ -105,7 +107,7 @@ class NewtonCradleVectorEnv(VectorEnv):
             self._begin(k, options)
         self._over[which] = False
         self._ready = True
-        return self._episodes.observations.astype(self.settings.dtype), self._infos(which)
+        return self._episodes.seen().astype(self.settings.dtype), self._infos(which)
 
     def _begin(self, k: int, options: Mapping[str, Any] | None = None) -> None:
         """Puts episode k before its release."""
@@ -113,10 +115,17 @@ class NewtonCradleVectorEnv(VectorEnv):
         cradle, angle = settings.drawn(self._generator(k), posterior)
         ready, self._ready = self._ready, False  # a refusal leaves no episode
         self._episodes.begin(k, settings, cradle, angle)
+        self._read(k)
         self._ready = ready
         self._steps[k] = 0
         if self._views:
             self._views[k].begin()
+
+    def _read(self, k: int) -> None:
+        """The camera of environment k, if it has one, reads the angles."""
+        noise = self._each[k].camera_noise
+        if noise is not None:
+            self._episodes.read(k, noise, self._generator(k))
 
     def _generator(self, k: int) -> np.random.Generator:
         """The random numbers of environment k, seeded by chance if they have not been."""
@@ -144,6 +153,9 @@ class NewtonCradleVectorEnv(VectorEnv):
         for k in self._rewarding:
             if moved[k]:
                 rewards[k] = float(self._each[k].reward(before[k], self._episodes.info(k)))  # type: ignore[operator]
+        if self.settings.camera_noise is not None:
+            for k in indices(moved):
+                self._read(k)
         self._steps[moved] += 1
         for k, view in enumerate(self._views):
             if moved[k]:
@@ -154,8 +166,9 @@ class NewtonCradleVectorEnv(VectorEnv):
         last: dict[str, Any] = {}
         if self.autoreset_mode is AutoresetMode.SAME_STEP and self._over.any():
             final = np.full(self.num_envs, None, dtype=object)
+            seen = self._episodes.seen().astype(self.settings.dtype)
             for k in indices(self._over):
-                final[k] = self._episodes.observations[k].astype(self.settings.dtype)
+                final[k] = seen[k].copy()
             last = {
                 "final_obs": final,
                 "_final_obs": self._over.copy(),
@@ -165,7 +178,7 @@ class NewtonCradleVectorEnv(VectorEnv):
             for k in indices(self._over):
                 self._begin(k)
             self._over = np.zeros(self.num_envs, bool)
-        seen = self._episodes.observations.astype(self.settings.dtype)
+        seen = self._episodes.seen().astype(self.settings.dtype)
         return seen, rewards, terminated, truncated, {**last, **self._infos()}
 
     def _advance(self, waiting: list[int]) -> None:

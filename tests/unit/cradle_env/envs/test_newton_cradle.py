@@ -155,6 +155,8 @@ CONFIGURATIONS = {
     "pressed": {"delta": -0.05, "delta_range": (-0.05, 0.2)},
     "fast spacer": {"spacer_speed": 1.0},
     "short": {"duration": 0.1},
+    "a camera": {"camera_noise": 0.01},
+    "a camera that sees nothing": {"camera_noise": 1.0, "dtype": "float64"},
 }
 
 
@@ -230,6 +232,25 @@ def test_what_the_class_says_of_its_spaces() -> None:
     keys = ["time", "delta", "release_angle", "sigma", "newton_exponent", "impacts", "fastest_impact", "kinetic"]
     keys += ["gravity", "strings", "drag", "collisions", "spacer"]
     assert list(env.reset(seed=0)[1]) == list(env.step(NOTHING)[4]) == keys
+
+
+def test_what_a_camera_shows() -> None:
+    """θ with independent errors of the stated standard deviation, δ and the time; all else as without a camera."""
+    told = {"bobs": 3, "delta": 0.01, "dtype": "float64"}
+    plain, sharp, noisy = (NewtonCradleEnv(**told, **own) for own in ({}, {"camera_noise": 0}, {"camera_noise": 0.02}))
+    returned = [rollout(env, random_actions(env, 400), seed=1)[:401] for env in (plain, sharp, noisy)]
+    truth, exact, read = (np.array([step[0] for step in steps]) for steps in returned)
+    np.testing.assert_array_equal(exact, truth[:, [3, 4, 5, 12, 14]])
+    assert noisy.observation_space.shape == (5,) and noisy.observation_space.contains(read[0])
+    np.testing.assert_array_equal(read[:, 3:], exact[:, 3:])
+    errors = read[:, :3] - exact[:, :3]
+    # Within four standard errors of the standard deviation, of the mean, and of correlations that are none.
+    assert abs(errors.std() / 0.02 - 1.0) < 4.0 / math.sqrt(2 * errors.size)
+    assert abs(errors.mean()) < 4.0 * 0.02 / math.sqrt(errors.size)
+    for one, other in ((errors[1:, 0], errors[:-1, 0]), (errors[:, 0], errors[:, 1])):
+        assert abs(np.corrcoef(one, other)[0, 1]) < 4.0 / math.sqrt(len(one))
+    for a, b in zip(returned[0], returned[2], strict=True):
+        assert same(a[1:], b[1:])
 
 
 # --- seeds and repetition ---------------------------------------------------------------------------------------
@@ -427,6 +448,7 @@ MOMENTS = {
     "while the spacer moves": ({}, lambda env, _: env._episodes.episodes["rate"][0] > 0, np.array([1.0, 0.5])),
     "spacer, rigid": ({"model": "pendulum"}, lambda env, _: env._episodes.episodes["rate"][0] > 0, np.array([1, 0.5])),
     "after the end": ({"synchronized_at": 0.9, "bobs": 2}, lambda env, terminated: terminated, NOTHING),
+    "through a camera": ({"camera_noise": 0.01}, lambda env, _: env._episodes.info(0)["time"] > 1.0, NOTHING),
     "drawn": ({**RANGES}, lambda env, _: env._episodes.info(0)["impacts"] > 0, NOTHING),
 }  # fmt: skip
 
@@ -813,6 +835,8 @@ REFUSED = [
     ({"duration": math.inf}, ValueError, "duration is inf s"),
     ({"reward": "synchronise"}, ValueError, "unknown reward 'synchronise'; did you mean 'synchronize'"),
     ({"reward": 1.0}, TypeError, "reward is 1.0; it must be one of synchronize, sustain or a function"),
+    ({"camera_noise": -0.01}, ValueError, "camera_noise is -0.01 rad; it must be at least 0 and at most 1 rad"),
+    ({"camera_noise": "much"}, ValueError, "camera_noise is 'much', which is not a number; give it in rad"),
     ({"synchronized_at": 0.0}, ValueError, "synchronized_at is 0; it must be greater than 0 and at most 1"),
     ({"dtype": "float16"}, ValueError, "dtype is float16; observations are float32 or float64"),
     ({"dtype": "floaty"}, TypeError, "dtype is 'floaty'; observations are float32 or float64"),
@@ -823,7 +847,7 @@ REFUSED = [
 def test_settings_are_refused_by_name(told: dict, kind: type, message: str) -> None:
     with pytest.raises(kind, match=message):
         NewtonCradleEnv(**told)
-    if not {"spacer_speed", "control_interval", "synchronized_at"} & {*told}:
+    if not {"spacer_speed", "control_interval", "synchronized_at", "camera_noise"} & {*told}:
         with pytest.raises(kind, match=message):
             NewtonCradleReleaseEnv(**told)
 
@@ -834,6 +858,7 @@ def test_settings_are_refused_by_name(told: dict, kind: type, message: str) -> N
         ({"control_interval": 5.0}, TypeError, "control_interval is a setting of NewtonCradle-v0; .* leave it out"),
         ({"spacer_speed": 1e-9}, TypeError, "spacer_speed is a setting of NewtonCradle-v0"),
         ({"synchronized_at": 0.9}, TypeError, "synchronized_at is a setting of NewtonCradle-v0"),
+        ({"camera_noise": 0.01}, TypeError, "camera_noise is a setting of NewtonCradle-v0"),
         ({"duration": 1e6}, ValueError, r"duration times sample_rate is 2.4e\+08; it must be at most 1e\+07"),
         (
             {"length": 5e-4},

@@ -120,11 +120,21 @@ def test_whatever_the_number_of_threads(num_envs: int, workers: int | None, mode
         {"control_interval": 0.5, "spacer_speed": 1.0},
         {"max_episode_steps": 7},
         {"max_episode_steps": -1, "control_interval": 0.5, "duration": 5.0},
+        {"camera_noise": 0.01, **RANGES},
+        {"camera_noise": 0.01, "max_episode_steps": 7},
     ],
     ids=repr,
 )
 def test_whatever_the_settings(told: dict) -> None:
     compare(native(3, **told), of_singles(3, **told), 25)
+
+
+@pytest.mark.parametrize("mode", ["NextStep", "SameStep", "Disabled"])
+def test_cameras_in_every_mode(mode: str) -> None:
+    """Readings of environments that are not reset stay; each camera has its own noise."""
+    each = [{"camera_noise": noise} for noise in (0.0, 0.01, 0.1)]
+    told = {**SHORT, "camera_noise": 0.5}
+    assert compare(native(3, mode, each=each, **told), of_singles(3, mode, each=each, **told), 60, mode=mode).any()
 
 
 @pytest.mark.parametrize("seed", [0, [3, 1, 4], [3, None, 4], (9, 9, 9)])
