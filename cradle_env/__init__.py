@@ -7,7 +7,7 @@ run.sigma(), run.newton_exponent(), run.energy(), run.impacts
 
 import importlib
 
-from gymnasium.envs import registration as _registration
+from cradle_env.envs.registration import register_all as _register_all
 
 # Public names by the module that holds them: loaded when first asked for, so that the import stays light.
 _PUBLIC = {
@@ -33,21 +33,7 @@ _PUBLIC = {
 __all__ = [*_PUBLIC]
 
 
-# Those that are there already stay: a second import, or a user's own registration, changes nothing.
-if "NewtonCradle-v0" not in _registration.registry:
-    _registration.register(
-        "NewtonCradle-v0",
-        entry_point="cradle_env.envs.newton_cradle:NewtonCradleEnv",
-        vector_entry_point="cradle_env.envs.vector:NewtonCradleVectorEnv",
-        max_episode_steps=3600,
-        reward_threshold=2.85,  # a spacer at rest returns up to 2.845, at δ = 0.095 and 0.05 rad
-    )
-if "NewtonCradleRelease-v0" not in _registration.registry:
-    _registration.register(
-        "NewtonCradleRelease-v0",
-        entry_point="cradle_env.envs.release:NewtonCradleReleaseEnv",
-        reward_threshold=0.2,
-    )
+_register_all()
 
 
 def __getattr__(name: str):
