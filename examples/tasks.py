@@ -4,7 +4,7 @@
 
 sustain: five bobs are to click on for a minute. Left alone they soon swing together; a spacer that moves at the right
 moments does work on them. synchronize: the same bobs are to swing together as soon as possible. In both, the release
-angle differs from episode to episode, and the spacer may move three times as fast as by default.
+angle differs from episode to episode.
 """
 
 import argparse
@@ -15,16 +15,12 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 
-import cradle_env  # noqa: F401  registers the environment
+from cradle_env.envs.registration import ENVIRONMENTS
 
+#: The registered environment whose settings both tasks have.
+ENVIRONMENT = "NewtonCradle5-v0"
 BOBS = 5
-SETTINGS: dict[str, Any] = {
-    "bobs": BOBS,
-    "actions": ("delta",),
-    "release_angle": (0.15, 0.3),  # rad, drawn for each episode
-    "spacer_speed": 0.03,  # m/s
-    "control_interval": 0.1,  # s
-}
+SETTINGS = ENVIRONMENTS[ENVIRONMENT]["kwargs"]
 TASKS = ("sustain", "synchronize")
 #: Seed of the first episode that methods are compared on; they learn and choose from others.
 HELD_OUT, OTHERS = 1_000_000, 2_000_000
@@ -38,8 +34,8 @@ Policy = Callable[[np.ndarray], np.ndarray]
 
 def make(task: str, count: int, **changes: Any) -> gym.vector.VectorEnv:
     """`count` cradles in the native vector environment; an episode that is over begins anew within the same step."""
-    settings = {**SETTINGS, "reward": task, "autoreset_mode": "SameStep", **changes}
-    return gym.make_vec("NewtonCradle-v0", num_envs=count, vectorization_mode="vector_entry_point", **settings)
+    settings = {"reward": task, "autoreset_mode": "SameStep", **changes}
+    return gym.make_vec(ENVIRONMENT, num_envs=count, vectorization_mode="vector_entry_point", **settings)
 
 
 def play(task: str, policy: Policy, count: int, seed: int = HELD_OUT, **changes: Any) -> dict[str, np.ndarray]:
@@ -113,9 +109,9 @@ def again(task: str, played: dict[str, np.ndarray], rate: int, seconds: float, f
     time [s], theta (T, N) [rad]; frames: pictures, (T, H, W, 3) uint8.
     """
     interval = SETTINGS["control_interval"]
-    settings = {**SETTINGS, "reward": task, "control_interval": interval / rate}
+    settings = {"reward": task, "control_interval": interval / rate}
     mode = "rgb_array" if frames else None
-    cradle = gym.make("NewtonCradle-v0", render_mode=mode, max_episode_steps=10**6, **settings)
+    cradle = gym.make(ENVIRONMENT, render_mode=mode, max_episode_steps=10**6, **settings)
     low, high = cradle.unwrapped.settings.delta_range
     cradle.reset(seed=HELD_OUT)
     times = interval / rate * np.arange(1, round(min(seconds, played["time"][-1]) / interval) * rate + 1)

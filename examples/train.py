@@ -15,11 +15,12 @@ from typing import Any
 
 import numpy as np
 import torch
-from gymnasium.vector import VectorEnv
 from matplotlib.figure import Figure
 from stable_baselines3 import PPO, SAC
 from stable_baselines3.common.callbacks import BaseCallback
-from stable_baselines3.common.vec_env import VecEnv, VecNormalize
+from stable_baselines3.common.vec_env import VecNormalize
+
+from cradle_env.envs.sb3 import CradleVecEnv
 
 sys.path.insert(0, str(Path(__file__).resolve().parent))
 
@@ -35,7 +36,6 @@ from tasks import (
     baselines,
     draw_behaviour,
     line,
-    make,
     play,
 )
 
@@ -45,51 +45,6 @@ ALGORITHMS: dict[str, tuple[Any, int, dict[str, Any]]] = {
     "PPO": (PPO, 400_000, {"n_steps": 256, "batch_size": 512, "n_epochs": 10}),
     "SAC": (SAC, 80_000, {"train_freq": 4, "gradient_steps": 16, "learning_starts": 3000, "ent_coef": 0.01}),
 }
-
-
-class Adapter(VecEnv):
-    """A vector environment of Gymnasium, whose episodes begin anew in the same step, for Stable-Baselines3."""
-
-    def __init__(self, cradles: VectorEnv) -> None:
-        self.cradles = cradles
-        super().__init__(cradles.num_envs, cradles.single_observation_space, cradles.single_action_space)
-
-    def reset(self) -> np.ndarray:
-        """Begins all episodes."""
-        return self.cradles.reset(seed=self._seeds)[0]
-
-    def step_async(self, actions: np.ndarray) -> None:
-        """Takes the actions."""
-        self.actions = actions
-
-    def step_wait(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[dict[str, Any]]]:
-        """One control interval."""
-        observations, rewards, terminated, truncated, info = self.cradles.step(self.actions)
-        infos: list[dict[str, Any]] = [{} for _ in rewards]
-        for k in np.flatnonzero(terminated | truncated):
-            infos[k]["terminal_observation"] = info["final_obs"][k]
-            infos[k]["TimeLimit.truncated"] = bool(truncated[k] and not terminated[k])
-        return observations, rewards.astype(np.float32), terminated | truncated, infos
-
-    def close(self) -> None:
-        """Ends the cradles' threads."""
-        self.cradles.close()
-
-    def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:
-        """An attribute, the same for all cradles."""
-        return [getattr(self.cradles, attr_name)] * self.num_envs
-
-    def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:
-        """Nothing can be set."""
-        raise NotImplementedError
-
-    def env_method(self, method_name: str, *arguments: Any, indices: Any = None, **keywords: Any) -> list[Any]:
-        """Single cradles have no methods."""
-        raise NotImplementedError
-
-    def env_is_wrapped(self, wrapper_class: type, indices: Any = None) -> list[bool]:
-        """Single cradles have no wrappers."""
-        return [False] * self.num_envs
 
 
 class Progress(BaseCallback):
@@ -118,7 +73,7 @@ def train(algorithm: str, task: str, steps: int, seed: int, episodes: int) -> tu
     """The trained agent, and its learning curve: rows of steps, return, standard error."""
     kind, _, numbers = ALGORITHMS[algorithm]
     # Angles, speeds and δ differ by orders of magnitude, and a step's reward is 1/600 at most: both are scaled.
-    cradles = VecNormalize(Adapter(make(task, CRADLES)))
+    cradles = VecNormalize(CradleVecEnv("NewtonCradle5-v0", CRADLES, reward=task))
     numbers = {"learning_rate": lambda left: 1e-3 * left, "policy_kwargs": {"net_arch": [64, 64]}, **numbers}
     model = kind("MlpPolicy", cradles, seed=seed, device="cpu", **numbers)
     progress = Progress(task, max(steps // 20, 2048), episodes)
