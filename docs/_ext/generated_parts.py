@@ -180,18 +180,10 @@ def _contract(contract: dict[str, Any]) -> str:
     return f"{name}: {sources} must not import {forbidden}."
 
 
-def environment() -> str:
-    """The page of the environment: its own documentation."""
-    from cradle_env.envs.newton_cradle import NewtonCradleEnv
-
-    return inspect.cleandoc(NewtonCradleEnv.__doc__ or "")
-
-
 PARTS: dict[str, Callable[[], str]] = {
     "effects-overview": effects_overview,
     "effects": effects,
     "command-line": command_line,
-    "environment": environment,
     "schemas": schemas,
     "import-contracts": import_contracts,
 }
