@@ -64,7 +64,8 @@ def test_importing_the_environment_takes_little_longer_than_gymnasium():
 def test_every_imported_package_is_declared(package):
     """A library that only another one brings along may be gone with its next release."""
     extras = PROJECT["optional-dependencies"]
-    shipped = PROJECT["dependencies"] + extras["render"] + extras["cluster"] + extras["parquet"]
+    optional = ("render", "cluster", "parquet", "examples")
+    shipped = PROJECT["dependencies"] + [requirement for name in optional for requirement in extras[name]]
     declared = {re.match(r"[\w-]+", requirement).group() for requirement in shipped}
     home = {"llvmlite": "numba", "PIL": "pillow", "pygame": "pygame-ce"}
     imported = set()
