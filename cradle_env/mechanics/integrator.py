@@ -27,6 +27,7 @@ from cradle_env.mechanics.layout import (
     TENSION,
     TRIAL,
 )
+from cradle_env.mechanics.one_bob_step import step_one_bob
 from cradle_env.mechanics.tableau import A as _A
 from cradle_env.mechanics.tableau import B as _B
 from cradle_env.mechanics.tableau import C as _C
@@ -75,7 +76,7 @@ def free_derivative(cradle, bobs, S, W, lo, hi, t, A, c, R, rate):
 def step(cradle, bobs, S, W, lo, hi, h):
     """Advances the group of bobs lo..hi-1 by h [s] from the start of its segment, into W[:, OUT]."""
     if hi - lo == 1 and not cradle.coupled:
-        _step_one(cradle, bobs, S, W, lo, h)
+        step_one_bob(cradle, bobs, S, W, lo, h)
     else:
         _step_group(cradle, bobs, S, W, lo, hi, h)
 
@@ -110,39 +111,6 @@ def _step_group(cradle, bobs, S, W, lo, hi, h):
             for k in range(_ROW[_STAGES], _ROW[_STAGES + 1]):
                 total += _WEIGHT[k] * W[i, _STAGE[k] + c]
             W[i, OUT + c] = S[i, START + c] + h * total
-
-
-def _weighed(weights, name):
-    """The source of sum(weights[j] * name(j)), without zeros."""
-    return " + ".join(f"{float(w)!r} * {name(j)}" for j, w in enumerate(weights) if w != 0.0)
-
-
-def _source_of_step_one():
-    """Source of the step of one bob: all stages in local variables, 4 times as fast as loops over the tableau."""
-    lines = [
-        "def step_one(cradle, bobs, S, W, i, h):",
-        "bob, t = bobs[i], S[i, T0]",
-        "drive = bob.drive",
-        "t0, t1, t2 = S[i, TENSION], S[i, TENSION + 1], S[i, TENSION + 2]",
-        "y0, y1, y2, y3 = S[i, START], S[i, START + 1], S[i, START + 2], S[i, START + 3]",
-        "v0_0, v1_0, a0_0, a1_0 = S[i, RATE0], S[i, RATE0 + 1], S[i, RATE0 + 2], S[i, RATE0 + 3]",
-        "p_0, q_0 = S[i, RATE0 + DRAG], S[i, RATE0 + BROUGHT]",
-    ]
-    for s in range(1, _STAGES):
-        for y, target, rate in (("y0", "x", "v0"), ("y1", "z", "v1"), ("y2", f"v0_{s}", "a0"), ("y3", f"v1_{s}", "a1")):
-            lines.append(f"{target} = {y} + h * ({_weighed(_A[s], lambda j, rate=rate: f'{rate}_{j}')})")
-        motion = f"t, pivot_at(bob, t), drive, x, z, v0_{s}, v1_{s}"
-        lines.append(f"t = S[i, T0] + {float(_C[s])!r} * h")
-        lines.append(f"a0_{s}, a1_{s}, p_{s}, q_{s} = rates(cradle, bob, t0, t1, t2, {motion})")
-        lines.append(f"q_{s} = -drive * q_{s}")
-    for c, rate in ((0, "v0"), (1, "v1"), (2, "a0"), (3, "a1"), (int(DRAG), "p"), (int(BROUGHT), "q")):
-        lines.append(f"W[i, OUT + {c}] = S[i, START + {c}] + h * ({_weighed(_B, lambda j, rate=rate: f'{rate}_{j}')})")
-    lines.append("W[i, OUT + CONTACT_LOSS] = S[i, START + CONTACT_LOSS]")
-    return "\n    ".join(lines)
-
-
-exec(_source_of_step_one(), globals())
-_step_one = jit(globals()["step_one"])
 
 
 @jit
