@@ -10,20 +10,93 @@ from cradle_env.kernel_records import records
 
 
 def restitution_curve(cradle: Cradle, speeds: np.ndarray) -> np.ndarray:
-    """e of two bobs that meet at normal speeds v > 0 [m/s]; the shape of `speeds` (eq. 1, or the cradle's law)."""
+    """Coefficient of restitution of two bobs against impact speed: eq. 1, or the law that the cradle has instead.
+
+    Parameters
+    ----------
+    cradle : Cradle
+        Its first two bobs meet.
+    speeds : array_like of float
+        Normal approach speeds v > 0 [m/s].
+
+    Returns
+    -------
+    ndarray
+        e [1], of the shape of speeds.
+
+    References
+    ----------
+    Lee & Hong, arXiv:2401.16693, eq. 1, Fig. 2c. Kuwabara & Kono, Jpn. J. Appl. Phys. 26, 1230 (1987).
+
+    Examples
+    --------
+    >>> from cradle_env import Cradle
+    >>> restitution_curve(Cradle(), [0.1, 1.0]).round(3).tolist()
+    [0.977, 0.964]
+    """
     return pair_impacts(*cradle.contact_records(), np.ravel(speeds))[:, 0].reshape(np.shape(speeds))
 
 
 def contact_times(cradle: Cradle, speeds: np.ndarray) -> np.ndarray:
-    """How long [s] two bobs touch that meet at normal speeds v > 0 [m/s]; the shape of `speeds` (eq. 1)."""
+    """Duration of the contact of two bobs against impact speed (eq. 1).
+
+    Parameters
+    ----------
+    cradle : Cradle
+        Its first two bobs meet.
+    speeds : array_like of float
+        Normal approach speeds v > 0 [m/s].
+
+    Returns
+    -------
+    ndarray
+        Durations [s], of the shape of speeds.
+
+    References
+    ----------
+    Lee & Hong, arXiv:2401.16693, eq. 1, Fig. 2b.
+
+    Examples
+    --------
+    >>> from cradle_env import Cradle
+    >>> (1e6 * contact_times(Cradle(), [0.1, 1.0])).round(-1).tolist()
+    [200.0, 130.0]
+    """
     return pair_impacts(*cradle.contact_records(), np.ravel(speeds))[:, 1].reshape(np.shape(speeds))
 
 
 def string_tension(cradle: Cradle, stretches: np.ndarray) -> np.ndarray:
-    """Tension [N] of one new string of the cradle along a path of stretches s [m], both (K,) (eq. 4).
+    """Tension of one new string along a path of stretches (eq. 4).
 
-    s is the string's length less its unstretched length; the path begins at s = 0 and may turn only at its points.
-    Raises ValueError for a path below 0, where the string is slack.
+    Parameters
+    ----------
+    cradle : Cradle
+        Of the string; without string_hysteresis the tension is κ s.
+    stretches : array_like, shape (K,)
+        s, the string's length less its unstretched length [m]: a path that begins at s = 0 and turns only at these
+        points.
+
+    Returns
+    -------
+    ndarray, shape (K,)
+        Tension [N].
+
+    Raises
+    ------
+    ValueError
+        For a stretch below 0, where the string is slack.
+
+    References
+    ----------
+    Lee & Hong, arXiv:2401.16693, eq. 4.
+
+    Examples
+    --------
+    Loading along a line, unloading along a parabola:
+
+    >>> from cradle_env import Cradle
+    >>> string_tension(Cradle(kappa=100.0), [0.01, 0.02, 0.01]).round(6).tolist()
+    [1.0, 2.0, 0.5]
     """
     from cradle_env.mechanics import layout as p
     from cradle_env.mechanics.strings import follow

@@ -5,13 +5,13 @@ from __future__ import annotations
 import dataclasses
 import functools
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 
+from cradle_env import cradle_limits as limits
 from cradle_env import display
 from cradle_env.effects import Effect, compose, effect
 from cradle_env.effects.elements import with_value
@@ -25,18 +25,6 @@ STANDARD_BETA = 0.114
 #: Range of speeds [m/s] over which e(v) of k_f is fitted by 1 − α vⁿ (the paper's Fig. 2c).
 POWER_LAW_SPEEDS = (0.02, 1.0)
 
-
-# Beyond this, in SI units, a number is a slip of the pen, and squares of it leave the range of numbers.
-_LARGEST = 1e12
-#: Nothing of length, mass, radius or gravity is smaller, no gap wider, and no β beyond these.
-_SMALLEST, _WIDEST, _BETAS = 1e-9, 100.0, (1e-6, 1e3)
-#: The row of bobs in lengths of the strings at most: places are known to 1e-16 of the row.
-_LONGEST_ROW = 1e5
-#: Largest k_f (m/2)^{-2/5} k_el^{-3/5} v^{1/5}, the damping of a contact that is followed in time, at v = √(g r0).
-#: From 100 on, its equations are too stiff for explicit steps and the motion diverges; up to 50 it does not.
-_MOST_DAMPED = 30.0
-#: Moduli [Pa] from that of a foam to a million times that of diamond.
-_MODULI = (1.0, 1e18)
 
 #: Unit and symbol of the fields of Cradle that are physical quantities.
 FIELDS = {
@@ -57,16 +45,54 @@ FIELDS = {
 
 @dataclass(frozen=True, eq=True)
 class Cradle:
-    """N equal bobs on strings, and the model of them.
+    """N equal bobs on strings, and the model of them: frozen, validated, in SI units.
 
-    bobs: N, 1 to 200; length: r0 [m]; pivot_half_spacing: a [m]; mass [kg] and radius [m] of a bob;
-    youngs_modulus [Pa], poisson_ratio: of the bobs; k_f: viscoelastic dissipation [N s/m^(3/2)]; kappa: loading
-    stiffness of one string [N/m], from β = 0.114 where omitted; b: linear drag [kg/s]; delta: δ = d/2R − 1, one
-    number or one per gap; gravity [m/s²]; model: "ho", "pendulum" or "nsp"; effects: more of them by name with
-    their parameters, "-name" takes one of the model's out; power_law: (α, n) of e = 1 − α vⁿ instead of k_f;
-    restitution: constant e where velocity_dependent_restitution is out.
+    Parameters
+    ----------
+    bobs : int
+        N, 1 to 200.
+    length : float
+        r0, height of the pivots over a bob's centre on unstretched strings [m].
+    pivot_half_spacing : float
+        a, half the distance between the two pivots of a bob [m]; a string is √(r0² + a²) long.
+    mass, radius : float
+        Of one bob [kg], [m].
+    youngs_modulus, poisson_ratio : float
+        Of the bobs' material [Pa], [1]; they set the stiffness `k_el` of a contact (eq. 1).
+    k_f : float
+        Viscoelastic dissipation of a contact [N s/m^(3/2)] (eq. 1).
+    kappa : float, optional
+        κ, loading stiffness of one string [N/m] (eq. 4). Default: that of β = 0.114.
+    b : float
+        Linear drag on a bob [kg/s] (eqs. 5, 6).
+    delta : float or sequence of float
+        δ = d/2R − 1 of pivots a distance d apart: one number, or one for each of the N − 1 gaps.
+    gravity : float
+        [m/s²]
+    model : {"nsp", "pendulum", "ho"}
+        The base model; `MODELS` lists the effects of each.
+    effects : mapping of str to mapping
+        More effects by name, each with its parameters; ``{"-name": {}}`` takes one of the model's out. `CATALOGUE`
+        lists them.
+    power_law : (float, float), optional
+        (α, n) of e = 1 − α vⁿ, v in m/s, instead of eq. 1.
+    restitution : float
+        Constant e of a model without velocity_dependent_restitution.
 
-    Raises ValueError, naming the field, its value and what is allowed.
+    Raises
+    ------
+    ValueError
+        Names the field, its value and unit, and what is allowed.
+
+    References
+    ----------
+    Lee & Hong, arXiv:2401.16693, eqs. 1 to 6.
+
+    Examples
+    --------
+    >>> cradle = Cradle(bobs=3, delta=0.01, effects={"quadratic_drag": {"c2": 2e-3}})
+    >>> round(cradle.beta, 3), round(cradle.period, 2), cradle.gaps.tolist()
+    (0.114, 1.1, [0.01, 0.01])
     """
 
     bobs: int = 5
@@ -93,72 +119,50 @@ class Cradle:
             raise ValueError(f"bobs is {one_line(self.bobs)}; it must be a whole number from 1 to 200")
         put("bobs", int(bobs))
         for name, unit in (("length", "m"), ("mass", "kg"), ("radius", "m"), ("gravity", "m/s^2")):
-            positive = check_range(name, getattr(self, name), unit, 0.0, _LARGEST, above=True)
-            put(name, check_range(name, positive, unit, _SMALLEST))
-        put("youngs_modulus", check_range("youngs_modulus", self.youngs_modulus, "Pa", *_MODULI))
+            positive = check_range(name, getattr(self, name), unit, 0.0, limits.LARGEST, above=True)
+            put(name, check_range(name, positive, unit, limits.SMALLEST))
+        put("youngs_modulus", check_range("youngs_modulus", self.youngs_modulus, "Pa", *limits.MODULI))
         put("poisson_ratio", check_range("poisson_ratio", self.poisson_ratio, "", -1.0, 0.5, above=True))
         for name, unit in (("pivot_half_spacing", "m"), ("k_f", "N s/m^(3/2)"), ("b", "kg/s")):
-            put(name, check_range(name, getattr(self, name), unit, 0.0, _LARGEST))
+            put(name, check_range(name, getattr(self, name), unit, 0.0, limits.LARGEST))
         put("restitution", check_range("restitution", self.restitution, "", 0.0, 1.0))
         kappa = self._kappa_for(STANDARD_BETA) if self.kappa is None else self.kappa
-        put("kappa", check_range("kappa", kappa, "N/m", 0.0, _LARGEST, above=True))
+        put("kappa", check_range("kappa", kappa, "N/m", 0.0, limits.LARGEST, above=True))
         if self.power_law is not None:
             if np.shape(self.power_law) != (2,):
                 raise ValueError(f"power_law is {one_line(self.power_law)}; it must be the pair (alpha, n)")
             alpha, n = self.power_law
             put("power_law", (check_range("alpha", alpha, "", 0.0), check_range("n", n, "", 0.0)))
-        put("delta", self._checked_delta())
-        put("effects", self._checked_effects())
-        self._check_proportions()
-
-    def _check_proportions(self) -> None:
-        if self.pivot_half_spacing > _LONGEST_ROW * self.length:
-            raise ValueError(
-                f"pivot_half_spacing is {self.pivot_half_spacing:.3g} m on strings of length {self.length:g} m; "
-                f"it must be at most {_LONGEST_ROW:g} times as long, or rounding hides the motion"
-            )
-        span = float(np.ptp(self.pivots))
-        if span > _LONGEST_ROW * self.length:
-            raise ValueError(
-                f"the bobs hang in a row of {span:.3g} m on strings of length {self.length:g} m; "
-                f"it must be at most {_LONGEST_ROW:g} times as long, or rounding hides the motion"
-            )
-        most = _MOST_DAMPED * (0.5 * self.mass) ** 0.4 * self.k_el**0.6 / (self.gravity * self.length) ** 0.1
-        if self.effects.get("contact_duration", {}).get("scale", 0.0) > 0.0 and self.k_f > most:
-            raise ValueError(
-                f"k_f is {self.k_f:.3g} N s/m^(3/2); with contact_duration it must be at most {most:.3g} N s/m^(3/2): "
-                "beyond, e is below 0.005 and contacts creep; take contact_duration out, impacts are plastic"
-            )
-
-    def _checked_delta(self) -> float | tuple[float, ...]:
-        if isinstance(self.delta, Sequence | np.ndarray) and np.ndim(self.delta) > 0:
-            if len(self.delta) != self.bobs - 1:
-                raise ValueError(f"delta has {len(self.delta)} values; {self.bobs} bobs have {self.bobs - 1} gaps")
-            return tuple(check_range("delta", d, "", -1.0, _WIDEST, above=True) for d in self.delta)
-        number: Any = self.delta
-        return check_range("delta", number, "", -1.0, _WIDEST, above=True, remedy="at δ = −1 the pivots coincide")
-
-    def _checked_effects(self) -> Mapping[str, Mapping[str, float]]:
-        effects: Any = self.effects
-        if not isinstance(effects, Mapping) or not all(isinstance(values, Mapping) for values in effects.values()):
-            raise ValueError(
-                f"effects is {one_line(effects)}; give {{name: {{parameter: value}}}}, {{}} for no parameters"
-            )
-        composed = {e.name: e for e in compose(self.model, self.effects)}
-        checked = {}
-        for name, values in self.effects.items():
-            if name.startswith("-") and values:
-                raise ValueError(f"{name!r} takes an effect out and has no parameters; given: {', '.join(values)}")
-            checked[name] = MappingProxyType(composed[name].check(values, self.bobs) if name in composed else {})
-        if "contact_duration" in composed and self.power_law is not None:
-            raise ValueError("contact_duration follows eq. 1 in time and needs k_f; take the power law out")
-        return MappingProxyType(checked)
+        put("delta", limits.check_delta(self.delta, self.bobs))
+        put("effects", limits.check_effects(self.model, self.effects, self.bobs))
+        limits.check_proportions(self)
 
     @classmethod
     def from_groups(
         cls, *, beta: float = STANDARD_BETA, alpha: float | None = None, n: float | None = None, **fields
     ) -> Cradle:
-        """A cradle from β (sets κ) and, if given, α and n of e = 1 − α vⁿ (instead of k_f); see `Cradle`."""
+        """A cradle from dimensionless groups.
+
+        Parameters
+        ----------
+        beta : float
+            β = ω_θ/ω_r, which sets κ.
+        alpha, n : float, optional
+            Of e = 1 − α vⁿ, v in m/s, instead of k_f; both or neither.
+        **fields
+            Other fields of `Cradle`, but not kappa.
+
+        Raises
+        ------
+        ValueError
+            For kappa, for one of alpha and n alone, and as `Cradle`.
+
+        Examples
+        --------
+        >>> cradle = Cradle.from_groups(bobs=2, beta=0.1, alpha=0.02, n=0.2)
+        >>> round(cradle.beta, 6), cradle.alpha, cradle.n
+        (0.1, 0.02, 0.2)
+        """
         if "kappa" in fields:
             raise ValueError("both beta and kappa are given; beta sets kappa, so give one of them")
         if (alpha is None) != (n is None):
@@ -171,15 +175,40 @@ class Cradle:
         return reduce_to_fields(self)
 
     def replace(self, *, beta: float | None = None, **fields) -> Cradle:
-        """A copy with some fields changed; β, where given, sets κ of the masses and lengths that it then has."""
+        """A copy with some fields changed.
+
+        Parameters
+        ----------
+        beta : float, optional
+            Sets κ, by the masses and lengths of the copy.
+        **fields
+            Fields of `Cradle`.
+
+        Examples
+        --------
+        >>> Cradle(bobs=5).replace(bobs=2).bobs
+        2
+        """
         cradle = dataclasses.replace(self, **fields)
         if beta is None:
             return cradle
-        return dataclasses.replace(cradle, kappa=cradle._kappa_for(check_range("beta", beta, "", *_BETAS)))
+        return dataclasses.replace(cradle, kappa=cradle._kappa_for(check_range("beta", beta, "", *limits.BETAS)))
 
     def with_values(self, values: Mapping[str, float]) -> Cradle:
-        """A copy with some parameters changed by name: a field, "effect.key", or "effect.key[i]" of bob or gap i, of
-        all of them alike "effect.key[*]"; the last of values that must sum to 0 is what the others leave."""
+        """A copy with some parameters changed by name.
+
+        Parameters
+        ----------
+        values : mapping of str to float
+            By a field, "effect.key", "effect.key[i]" of bob or gap i, or "effect.key[*]" of all of them. The last
+            of values that must sum to 0 is computed from the others.
+
+        Examples
+        --------
+        >>> cradle = Cradle(bobs=3, effects={"spacer_offset": {"offset": [0.0, 0.0]}})
+        >>> cradle.with_values({"b": 0.003, "spacer_offset.offset[2]": 0.001}).gaps.tolist()
+        [0.0, 0.001]
+        """
         fields: dict[str, Any] = {}
         effects: dict[str, dict[str, Any]] = {name: dict(known) for name, known in self.effects.items()}
         for name, value in values.items():

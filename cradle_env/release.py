@@ -20,9 +20,32 @@ from cradle_env.pickling import reduce_to_fields
 class Release:
     """Bobs lifted and let go at rest at t = 0.
 
-    angle [rad] for the `bobs` bobs nearest the end with the highest number, or `angles` {bob: angle} for any;
-    start: "unstretched" (r = r0, the paper) or "hanging" (at their hanging length). Lifted neighbours that would
-    overlap by less than a quarter of their radius, and what δ < 0 takes, are spread until they touch.
+    Lifted neighbours that overlap by less than a quarter of their radius, or because δ < 0, are spread until they
+    touch.
+
+    Parameters
+    ----------
+    angle : float, optional
+        Angle [rad], −π to π, positive towards the last bob, of the `bobs` bobs nearest the last one.
+    bobs : int
+        How many bobs are lifted to `angle`.
+    angles : mapping of int to float, optional
+        Angle [rad] of each lifted bob by its number, 1 to N, instead of `angle`.
+    start : {"unstretched", "hanging"}
+        Distance r of the lifted bobs from their pivots: r0, as in the paper, or their hanging length.
+
+    Raises
+    ------
+    ValueError
+        For both or neither of angle and angles, and for values out of bounds.
+
+    Examples
+    --------
+    >>> from cradle_env import Cradle
+    >>> Release(angle=0.2, bobs=2).angles_of(Cradle(bobs=4)).tolist()
+    [nan, nan, 0.2, 0.2]
+    >>> Release(angles={1: -0.2, 4: 0.2}).angles_of(Cradle(bobs=4)).tolist()
+    [-0.2, nan, nan, 0.2]
     """
 
     angle: float | None = None
@@ -122,11 +145,25 @@ class Release:
 
 @dataclass(frozen=True)
 class InitialState:
-    """Any state from which a run can begin, at t = 0: arrays of shape (N,), SI.
+    """Any state from which a run can begin, at t = 0; bobs that overlap a little are spread as those of a `Release`.
 
-    theta, theta_dot; r, r_dot (None: hanging length, 0); tension_ratio: string tension over that of the virgin
-    loading line at the same stretch (None: 1), which is the memory that a stretched string carries. Bobs that overlap
-    a little are spread as those of a `Release`.
+    Parameters
+    ----------
+    theta, theta_dot : ndarray, shape (N,)
+        Angle [rad] and its rate [rad/s] of each bob.
+    r, r_dot : ndarray, shape (N,), optional
+        Distance from the pivots' line [m] and its rate [m/s]. Default: the hanging length, and 0.
+    tension_ratio : ndarray, shape (N,), optional
+        Tension of a string over that of a new one at the same stretch, the memory of its loading (eq. 4); at most 1,
+        the default.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from cradle_env import Cradle, simulate
+    >>> state = InitialState(theta=np.array([0.0, 0.1]), theta_dot=np.zeros(2))
+    >>> simulate(Cradle(bobs=2), state, duration=0.1).theta[0].round(6).tolist()
+    [0.0, 0.1]
     """
 
     theta: np.ndarray

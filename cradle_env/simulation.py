@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from cradle_env.cost import MOST_STEPS, check_cost, steps_of
 from cradle_env.cradle import Cradle
 from cradle_env.errors import check_range
 from cradle_env.kernel_records import records
@@ -20,8 +21,6 @@ from cradle_env.trajectory import IMPACT, Trajectory
 _FACTORS = (1e-3, 4.0)
 #: Samples of one run at most, and of single bobs in it: 1.6 GB, and as much again and more for the ledger.
 _MOST_SAMPLES, _MOST_BOB_SAMPLES = 1e7, 5e7
-#: Steps of single bobs in one run at most, and how long one takes, about [s]: together a quarter of an hour.
-MOST_STEPS, STEP_SECONDS = 1e9, 1e-6
 #: What a status other than DONE means.
 EXHAUSTED = {
     event_loop.STALLED: "more impacts at one instant than can be resolved",
@@ -47,15 +46,50 @@ def simulate(
     step_factor: float = 1.0,
     progress: Callable[[float], None] | None = None,
 ) -> Trajectory:
-    """One run of a cradle.
+    """Simulate one run of a cradle (eqs. 1 to 6, as far as the model has them).
 
-    duration [s], sampled at sample_rate [1/s] from t = 0, or at `times` (T,) [s], ascending, from 0 on.
-    What comes back is the true motion: effects that act on a measurement are in readings of it alone.
-    ledger: keep the energy ledger. step_factor, 0.001 to 4, multiplies the integration step in flight (order 8: errors
-    grow by its 8th power), and those in contacts which are followed in time (1e-6 to 1e-5 rad at any step, by the first
-    touch) and between bobs that act on each other at a distance. progress: called every half second or so with the part
-    of the run that is done. Raises ValueError for impossible input and for a run of more than 1e9 steps of a bob,
-    SimulationError if the run cannot be carried to its end.
+    The trajectory is the true motion: effects that act on a measurement change readings alone.
+
+    Parameters
+    ----------
+    cradle : Cradle
+        With its model.
+    release : Release or InitialState
+        How the run begins.
+    duration : float
+        Length of the run [s].
+    sample_rate : float
+        Samples per second [1/s], the first at t = 0.
+    times : ndarray, shape (T,), optional
+        Instants of the samples [s], ascending, not negative, instead of duration and sample_rate.
+    ledger : bool
+        Whether to keep the energy ledger, which `Trajectory.energy` reads.
+    step_factor : float
+        Multiplies all integration steps, 0.001 to 4. Flights are of order 8: their errors grow as its 8th power.
+        Contacts that are followed in time keep errors of 1e-6 to 1e-5 rad at any step.
+    progress : callable, optional
+        Called about twice a second with the fraction of the run that is done.
+
+    Returns
+    -------
+    Trajectory
+
+    Raises
+    ------
+    ValueError
+        For impossible input, and for a run of more than 1e9 steps of single bobs.
+    SimulationError
+        If the run cannot reach its end.
+
+    References
+    ----------
+    Lee & Hong, arXiv:2401.16693. Hairer, Norsett & Wanner, Solving Ordinary Differential Equations I, II.5.
+
+    Examples
+    --------
+    >>> run = simulate(Cradle(bobs=2), Release(angle=0.1), duration=1.0, sample_rate=100.0)
+    >>> run.theta.shape, run.impacts["pair"][0].item(), round(float(run.impacts["time"][0]), 2)
+    ((101, 2), 1, 0.28)
     """
     wanted = sample_times(duration, sample_rate) if times is None else _checked_times(times)
     return _run(cradle, release, wanted, ledger, check_range("step_factor", step_factor, "", *_FACTORS), progress)
@@ -72,10 +106,38 @@ def simulate_batch(
     step_factor: float = 1.0,
     workers: int | None = None,
 ) -> list[Trajectory]:
-    """Many runs, of cradles and releases that may differ in everything, on all cores by threads.
+    """Simulate many runs on several threads; cradles and releases may differ in everything.
 
-    A single cradle or release serves all runs. workers: threads, all cores by default. Each result is bit for bit
-    that of `simulate`, whatever the number of threads.
+    Each result is bit for bit that of `simulate`, whatever the number of threads.
+
+    Parameters
+    ----------
+    cradles : Cradle or sequence of Cradle
+        A single one serves all runs.
+    releases : Release or InitialState, or a sequence of them
+        A single one serves all runs.
+    duration, sample_rate, times, ledger, step_factor
+        As for `simulate`, the same for all runs.
+    workers : int, optional
+        Threads; all cores by default.
+
+    Returns
+    -------
+    list of Trajectory
+        In the order of the cradles and releases.
+
+    Raises
+    ------
+    ValueError
+        If two sequences differ in length, and as `simulate`.
+    SimulationError
+        If a run cannot reach its end.
+
+    Examples
+    --------
+    >>> runs = simulate_batch([Cradle(bobs=2), Cradle(bobs=3)], Release(angle=0.1), duration=0.5, sample_rate=100.0)
+    >>> [run.theta.shape for run in runs]
+    [(51, 2), (51, 3)]
     """
     several = [len(x) for x in (cradles, releases) if not isinstance(x, Cradle | Release | InitialState)]
     count = max(several, default=1)
@@ -106,32 +168,6 @@ def _checked_times(times: np.ndarray) -> np.ndarray:
     if times[0] < 0.0 or np.any(np.diff(times) < 0.0):
         raise ValueError("times must be ascending, from 0 s on (the release)")
     return times
-
-
-def steps_needed(cradle: Cradle, duration: float, step_factor: float = 1.0) -> float:
-    """Steps of single bobs that a run of this duration [s] takes at least, without its impacts."""
-    return _steps(records(cradle, step_factor)[0], cradle, duration)
-
-
-def _steps(c: np.ndarray, cradle: Cradle, duration: float) -> float:
-    return float(duration) / float(c["step"][0]) * cradle.bobs
-
-
-def check_cost(cradle: Cradle, duration: float, steps: float, most: float, remedy: str) -> None:
-    """ValueError where a run of this duration [s] takes more than `most` steps of single bobs."""
-    if steps > most:
-        raise ValueError(
-            f"{duration:.4g} s of this cradle takes {steps:.2g} steps of {duration * cradle.bobs / steps:.2g} s,"
-            f" about {shown_time(steps * STEP_SECONDS)}; it must be at most {most:.2g} steps; {remedy}"
-        )
-
-
-def shown_time(seconds: float) -> str:
-    """A duration in the unit in which it is read most easily."""
-    for size, unit in ((86400.0, "days"), (3600.0, "h"), (60.0, "min")):
-        if seconds >= 2.0 * size:
-            return f"{seconds / size:.2g} {unit}"
-    return f"{seconds:.2g} s"
 
 
 def prepare(cradle: Cradle, release: Release | InitialState, step_factor: float = 1.0):
@@ -185,7 +221,7 @@ def _run(
     check_stop()
     c, bobs, S, W = prepare(cradle, release, step_factor)
     n, table, end, flown = cradle.bobs, restitution.universal_curves(), float(times[-1]), 0.0
-    check_cost(cradle, end, _steps(c, cradle, end), MOST_STEPS, "shorten it, or take a cradle that moves more slowly")
+    check_cost(cradle, end, steps_of(c, cradle, end), MOST_STEPS, "shorten it, or take a cradle that moves more slowly")
     check_range("samples times bobs", len(times) * n, "", high=_MOST_BOB_SAMPLES, remedy="a run is held in memory")
     motion = np.empty((len(times), n, 4))
     energy = np.empty((len(times) if ledger else 0, n, 7))

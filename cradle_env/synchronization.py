@@ -14,11 +14,42 @@ FLOOR = 1e-3
 
 
 def sigma(t: np.ndarray, theta_n: np.ndarray, theta0: float | np.ndarray, period: float) -> np.ndarray:
-    """σ(t) = |E₊[θ_n] + E₋[θ_n]| / θ0 (Lee & Hong, section 4.2).
+    """Synchronization σ(t) = |E₊[θ_n] + E₋[θ_n]| / θ0: 1 as one bob swings against resting ones, 0 in unison.
 
-    t: (T,) evenly spaced [s]; theta_n: (..., T) angle of the lifted end bob [rad]; theta0: release angle [rad];
-    period: small-angle period [s]. E₊ and E₋ are the running maximum and minimum over a centred window of 1.05
-    periods, cut off at the ends of the record. Returns (..., T), nan where nothing was lifted.
+    E₊ and E₋ are the running maximum and minimum over a centred window of 1.05 periods, cut off at the ends of the
+    record.
+
+    Parameters
+    ----------
+    t : ndarray, shape (T,)
+        Evenly spaced times [s].
+    theta_n : ndarray, shape (..., T)
+        Angle of the lifted end bob [rad].
+    theta0 : float or ndarray, shape (...)
+        Its release angle [rad].
+    period : float
+        Small-angle period [s].
+
+    Returns
+    -------
+    ndarray, shape (..., T)
+        nan where theta0 is 0.
+
+    Raises
+    ------
+    ValueError
+        For times that are not evenly spaced, or too sparse for the envelopes.
+
+    References
+    ----------
+    Lee & Hong, arXiv:2401.16693, section 4.2.
+
+    Examples
+    --------
+    >>> t = np.arange(0.0, 10.0, 0.01)
+    >>> swing = np.cos(2.0 * np.pi * t)
+    >>> float(sigma(t, 0.1 * swing, 0.1, 1.0)[500].round(6)), float(sigma(t, 0.1 * swing.clip(0.0), 0.1, 1.0)[500])
+    (0.0, 1.0)
     """
     from scipy.ndimage import maximum_filter1d, minimum_filter1d
 
@@ -56,9 +87,31 @@ def check_duration(duration: float, sample_rate: float = math.inf) -> None:
 
 
 def newton_exponent(t: np.ndarray, sigma: np.ndarray, window: tuple[float, float] = WINDOW) -> float | np.ndarray:
-    """λ = ⟨t⁻¹ ln σ⁻¹⟩ [1/s] over window[0] < t ≤ window[1] where σ > 1e-3; nan where there is no such t.
+    """Newton exponent λ = ⟨t⁻¹ ln σ⁻¹⟩, the rate of synchronization: σ falls about as exp(−λt).
 
-    t: (T,) [s]; sigma: (..., T).
+    Parameters
+    ----------
+    t : ndarray, shape (T,)
+        Times [s].
+    sigma : ndarray, shape (..., T)
+        σ at these times.
+    window : (float, float)
+        The mean is over window[0] < t ≤ window[1] [s] where σ > 1e-3.
+
+    Returns
+    -------
+    float or ndarray, shape (...)
+        λ [1/s]; nan where no time is in the window with σ > 1e-3.
+
+    References
+    ----------
+    Lee & Hong, arXiv:2401.16693, section 4.2.
+
+    Examples
+    --------
+    >>> t = np.linspace(0.0, 60.0, 601)
+    >>> round(float(newton_exponent(t, np.exp(-0.05 * t))), 6)
+    0.05
     """
     inside = (t > window[0]) & (t <= window[1])
     s = sigma[..., inside]

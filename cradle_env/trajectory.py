@@ -48,7 +48,30 @@ class Energy:
 
 @dataclass(frozen=True)
 class Trajectory:
-    """A run: t (T,) [s]; theta, r, theta_dot, r_dot (T, N) in rad, m and per second; impacts, see IMPACT."""
+    """A run of N bobs in T samples, as `simulate` returns it.
+
+    Attributes
+    ----------
+    cradle : Cradle
+    release : Release or InitialState
+    t : ndarray, shape (T,)
+        Times [s].
+    theta, theta_dot : ndarray, shape (T, N)
+        Angles [rad] and their rates [rad/s], positive towards the last bob.
+    r, r_dot : ndarray, shape (T, N)
+        Distances from the line through a bob's pivots [m], and their rates [m/s].
+    impacts : structured ndarray, shape (M,)
+        Rows of `IMPACT`: time [s], pair (i: bobs i and i + 1), approach speed [m/s], energy loss [J].
+    ledger : ndarray, shape (T, N, 7), optional
+        Energies [J] that `energy` sums up; None if the run kept none.
+
+    Examples
+    --------
+    >>> from cradle_env import Cradle, Release, simulate
+    >>> run = simulate(Cradle(bobs=2), Release(angle=0.1), duration=10.0)
+    >>> run.theta.shape, run.sigma().shape, round(run.newton_exponent(), 2)
+    ((2401, 2), (2401,), 0.08)
+    """
 
     cradle: Cradle
     release: Release | InitialState
@@ -58,11 +81,18 @@ class Trajectory:
     theta_dot: np.ndarray
     r_dot: np.ndarray
     impacts: np.ndarray
-    #: (T, N, 7) [J], see mechanics.ledger.book; None if the ledger was not kept.
     ledger: np.ndarray | None = None
 
     def lead(self) -> tuple[int, float]:
-        """(index of the lifted end bob, θ0 [rad]); θ0 is its first peak where the release was not seen."""
+        """The lifted end bob.
+
+        Returns
+        -------
+        index : int
+            Of the bob, from 0.
+        theta0 : float
+            Its release angle [rad]; its first peak in a run from an `InitialState`.
+        """
         if isinstance(self.release, Release):
             return self.release.lead(self.cradle)
         within = self.t <= self.t[0] + self.cradle.period
@@ -71,7 +101,22 @@ class Trajectory:
         return end, float(peaks[end])
 
     def sigma(self) -> np.ndarray:
-        """σ(t), shape (T,), nan of bobs with nothing to synchronize with; see `synchronization.sigma`."""
+        """Synchronization σ(t) of the bobs.
+
+        Returns
+        -------
+        ndarray, shape (T,)
+            nan if the bobs have nothing to synchronize with: one bob, none lifted, or all lifted to the same angle.
+
+        Raises
+        ------
+        ValueError
+            For samples that are not evenly spaced, or too sparse.
+
+        References
+        ----------
+        Lee & Hong, arXiv:2401.16693, section 4.2; see `cradle_env.sigma`.
+        """
         end, theta0 = self.lead()
         return sigma(self.t, self.theta[:, end], theta0 if self._synchronizes() else np.nan, self.cradle.period)
 
@@ -86,26 +131,78 @@ class Trajectory:
         return True
 
     def newton_exponent(self, window: tuple[float, float] = WINDOW) -> float:
-        """λ [1/s] over a window of time [s], nan where σ is; see `synchronization.newton_exponent`."""
+        """Newton exponent λ, the rate of synchronization.
+
+        Parameters
+        ----------
+        window : (float, float)
+            Times [s] over which λ is averaged.
+
+        Returns
+        -------
+        float
+            λ [1/s], nan if σ is nan; see `cradle_env.newton_exponent`.
+        """
         return float(newton_exponent(self.t, self.sigma(), window))
 
     def x(self) -> np.ndarray:
-        """Horizontal position of each bob [m], shape (T, N), on a frame that moves relative to it."""
+        """Horizontal positions of the bobs.
+
+        Returns
+        -------
+        ndarray, shape (T, N)
+            [m] from the middle of the pivots; relative to the frame if that moves.
+        """
         along = np.sin(self.theta) if self.cradle.has("large_angle") else self.theta
         return self.cradle.pivots + self.r * along
 
     def gaps(self) -> np.ndarray:
-        """Distance between the surfaces of neighbours [m], shape (T, N − 1)."""
+        """Distances between the surfaces of neighbours.
+
+        Returns
+        -------
+        ndarray, shape (T, N − 1)
+            [m]
+        """
         z = -self.r * np.cos(self.theta) if self.cradle.has("large_angle") else np.zeros_like(self.r)
         return np.hypot(np.diff(self.x(), axis=1), np.diff(z, axis=1)) - 2.0 * self.cradle.radius
 
     def swing_energy(self) -> np.ndarray:
-        """Kinetic energy, and potential over that of bobs that hang at the same r [J], shape (T,); see `energy`."""
+        """Kinetic energy, and potential energy over that of bobs that hang at the same r.
+
+        Returns
+        -------
+        ndarray, shape (T,)
+            [J]
+
+        Raises
+        ------
+        ValueError
+            If the run kept no energy ledger.
+        """
         energy, weights = self.energy(), records(self.cradle)[1]["mass"] * self.cradle.gravity
         return energy.kinetic + energy.gravity + self.r @ weights
 
     def energy(self) -> Energy:
-        """The energy ledger; ValueError if the run did not keep it."""
+        """The energy ledger.
+
+        Returns
+        -------
+        Energy
+            Arrays of shape (T,) [J]; their `total` is constant.
+
+        Raises
+        ------
+        ValueError
+            If the run kept no energy ledger.
+
+        Examples
+        --------
+        >>> from cradle_env import Cradle, Release, simulate
+        >>> energy = simulate(Cradle(bobs=2), Release(angle=0.1), duration=2.0).energy()
+        >>> bool(np.ptp(energy.total) < 1e-6), bool(energy.impacts[-1] > 0.0)
+        (True, True)
+        """
         if self.ledger is None:
             raise ValueError("this run kept no energy ledger; simulate with ledger=True")
         kinetic, gravity, drag, contacts, strings, lost, support = self.ledger.sum(axis=1).T

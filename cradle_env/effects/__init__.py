@@ -33,6 +33,7 @@ from cradle_env.effects.string_hysteresis import string_hysteresis
 from cradle_env.effects.velocity_dependent_restitution import velocity_dependent_restitution
 from cradle_env.errors import unknown_key
 
+#: All effects of the package, one declaration each: `[effect.name for effect in CATALOGUE]`.
 CATALOGUE: tuple[Effect, ...] = (
     velocity_dependent_restitution,
     large_angle,
@@ -69,7 +70,33 @@ _EFFECTS = {effect.name: effect for effect in (*CATALOGUE, *LEARNED)}
 
 
 def register(effect: Effect) -> Effect:
-    """Makes an effect from outside the package known by its name, here and in experiment files read hereafter."""
+    """Make an effect from outside the package known by its name, to cradles and to experiment files.
+
+    Parameters
+    ----------
+    effect : Effect
+        With a force, or with what it does to a reading. It replaces one that was registered under its name before.
+
+    Returns
+    -------
+    Effect
+        The same.
+
+    Raises
+    ------
+    ValueError
+        For a name of the catalogue, a name that is no identifier, and an effect that does nothing.
+
+    Examples
+    --------
+    >>> from cradle_env import Cradle
+    >>> tilt = Effect(
+    ...     name="tilt", symbol="θ_t", acts_on="measurement", summary="a tilted level", equation="θ_file = θ + angle",
+    ...     reference="", energy="none", looks_like="a constant residual", reading=lambda values, theta: theta + 0.01,
+    ... )
+    >>> register(tilt).name, Cradle(effects={"tilt": {}}).has("tilt")
+    ('tilt', True)
+    """
     if any(effect.name == known.name for known in (*CATALOGUE, *LEARNED)):
         raise ValueError(f"effect {effect.name!r} is in the catalogue already; choose another name")
     if not effect.name.isidentifier():

@@ -23,10 +23,32 @@ PLACES = ("string", "bob", "contact", "support", "measurement")
 class Parameter:
     """One parameter of an effect.
 
-    absent: the value at which the effect is not there (inf where it fades as this grows, nan for a parameter that
-    then means nothing);
-    low, high: physical bounds; scale: a typical size, which starts searches and sets priors; each: "bob" or "gap"
-    where there is one number for each of them; balanced: these sum to 0.
+    Parameters
+    ----------
+    key, symbol, unit, meaning : str
+        Its name in files and in Python, and how texts and figures show it.
+    absent : float
+        Value at which the effect is absent: inf if the effect fades as the parameter grows, nan if the parameter
+        means nothing without the effect.
+    low, high : float
+        Physical bounds, in its unit.
+    scale : float
+        A typical value, in its unit: it starts searches and sets priors.
+    each : {"", "bob", "gap"}
+        Whether the parameter is one number, or one for each bob or gap.
+    balanced : bool
+        Whether the numbers of all bobs or gaps sum to 0.
+
+    Raises
+    ------
+    ValueError
+        If the effect is absent at the upper bound.
+
+    Examples
+    --------
+    >>> drag = Parameter("c2", "c₂", "kg/m", "force per squared speed", absent=0.0, low=0.0, high=1.0, scale=1e-3)
+    >>> drag.is_strength, drag.one_sided, drag.at_strength(2.0)
+    (True, True, 0.002)
     """
 
     key: str
@@ -104,13 +126,45 @@ class Parameter:
 class Effect:
     """One physical effect over the simplest cradle: linear pendulums, rigid strings, constant restitution, drag b.
 
-    apply(cradle, bobs, values) writes the effect into the records that the kernels read; force(t, r, theta, v_r,
-    v_theta, parameters) -> (F_r, F_theta) [N] is that of an effect from outside the package, compiled on first use;
-    bobs at rest hang where it, asked for at t < 0, lets them; between: whether it is nothing without a neighbour;
-    gaps(values) is what the effect adds to δ of each gap.
-    Measurement effects: `instants(values)` gives the offsets [s] and weights over which a reading averages,
-    `clock(values)` the rate of the file's clock over the true one, `reading(values, theta)` what the file shows for a
-    true theta [rad].
+    Parameters
+    ----------
+    name, symbol : str
+        Its name in files and in Python, and its symbol in texts.
+    acts_on : {"string", "bob", "contact", "support", "measurement"}
+        Where it acts.
+    summary, equation, reference, energy, looks_like, caveat : str
+        What it is, its equation and source, the energy that it stores or takes, its signs in data, and its limits.
+    parameters : tuple of Parameter
+        None of a switch.
+    requires : tuple of str
+        Names of effects without which it is impossible.
+    between : bool
+        Whether it needs a neighbour.
+    apply : callable, optional
+        apply(cradle, bobs, values) writes the effect into the records that the kernels read.
+    force : callable, optional
+        force(t, r, theta, v_r, v_theta, parameters) -> (F_r, F_theta) [N], of an effect from outside the package;
+        numba compiles it. At t < 0 it is the force on bobs at rest before the release.
+    gaps : callable, optional
+        gaps(values) is added to δ of each gap, (N − 1,).
+    instants : callable, optional
+        instants(values) -> offsets [s] and weights over which a reading averages.
+    clock : callable, optional
+        clock(values) is the rate of the file's clock over the true one.
+    reading : callable, optional
+        reading(values, theta) is the angle in the file of a true theta [rad].
+
+    Raises
+    ------
+    ValueError
+        For an unknown acts_on, or a force with too many parameters.
+
+    Examples
+    --------
+    >>> from cradle_env import CATALOGUE
+    >>> drag = next(effect for effect in CATALOGUE if effect.name == "quadratic_drag")
+    >>> drag.acts_on, drag.equation, [p.key for p in drag.parameters]
+    ('bob', 'F = −c2 |v| v', ['c2'])
     """
 
     name: str

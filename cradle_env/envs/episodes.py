@@ -10,6 +10,7 @@ from typing import Any
 import numba
 import numpy as np
 
+from cradle_env.cost import check_cost
 from cradle_env.cradle import Cradle
 from cradle_env.envs.settings import Settings
 from cradle_env.envs.spaces import largest, of_camera
@@ -17,7 +18,7 @@ from cradle_env.errors import check_range
 from cradle_env.kernel_records import records
 from cradle_env.mechanics import control_interval, event_loop, restitution
 from cradle_env.mechanics import layout as p
-from cradle_env.simulation import EXHAUSTED, SimulationError, check_cost, check_rest, impact_rows
+from cradle_env.simulation import EXHAUSTED, SimulationError, check_rest, impact_rows
 from cradle_env.synchronization import ENVELOPE_PERIODS, FLOOR, WINDOW
 
 #: How many arrays `Episodes.arrays` are.

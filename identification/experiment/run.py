@@ -8,11 +8,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from cradle_env.cost import check_cost, steps_needed
 from cradle_env.cradle import Cradle
 from cradle_env.effects import CATALOGUE
 from cradle_env.errors import check_range, one_line, unknown_key
 from cradle_env.release import Release
-from cradle_env.simulation import check_cost, prepare, steps_needed
+from cradle_env.simulation import prepare
 from identification.experiment.recording import UNITS
 
 #: Noise [rad or m] below which the errors of a simulation, some 1e-7 over 10 s, would count as misfit.

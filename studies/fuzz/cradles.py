@@ -12,8 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from cradle_env import Cradle, Release, Trajectory, simulate
+from cradle_env.cost import steps_needed
 from cradle_env.effects import CATALOGUE, MODELS, Effect, Parameter
-from cradle_env.simulation import SimulationError, steps_needed
+from cradle_env.simulation import SimulationError
 
 #: Simulated time of each [s], less where that takes more than so many steps of single bobs; and how long a run may
 #: take before it is interrupted [s].
