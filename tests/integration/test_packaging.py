@@ -67,7 +67,12 @@ def test_every_imported_package_is_declared(package):
     optional = ("render", "cluster", "parquet", "examples")
     shipped = PROJECT["dependencies"] + [requirement for name in optional for requirement in extras[name]]
     declared = {re.match(r"[\w-]+", requirement).group() for requirement in shipped}
-    home = {"llvmlite": "numba", "PIL": "pillow", "pygame": "pygame-ce"}
+    home = {
+        "llvmlite": "numba",
+        "PIL": "pillow",
+        "pygame": "pygame-ce",
+        "stable_baselines3": "stable-baselines3",
+    }
     imported = set()
     for file in (ROOT / package).rglob("*.py"):
         for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
