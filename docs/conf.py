@@ -37,6 +37,9 @@ extensions = [
 ]
 exclude_patterns = ["_build", "_ext"]
 nitpicky = True
+nitpick_ignore_regex = [
+    ("py:class", r"(structured )?ndarray|optional|[A-Z]|\d+")
+]  # words of "ndarray of shape (T, N), optional"
 
 myst_enable_extensions = ["amsmath", "colon_fence", "dollarmath"]
 myst_heading_anchors = 3
@@ -52,6 +55,9 @@ default_role = "code"
 autodoc_member_order = "bysource"
 autodoc_typehints = "none"
 napoleon_google_docstring = False
+# Types of parameters are words, as "array of shape (T,)", not references.
+napoleon_use_param = False
+napoleon_use_rtype = False
 
 html_math_renderer = "mathml"
 html_theme = "furo"
