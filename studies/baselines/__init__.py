@@ -1,0 +1,1 @@
+"""What simple controllers and a learned one get from the registered environments."""
