@@ -1,0 +1,1 @@
+"""Gymnasium's own tests of environments, vectors and wrappers, run on the cradles."""
