@@ -10,7 +10,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from cradle_env.effects import effect
-from cradle_env.simulation import SimulationError
 from identification.diagnosis.learned_law.law import Law, advantage, can_outdo, learn
 from identification.diagnosis.selection.candidates import Candidate, taken_from, without_effect
 from identification.diagnosis.selection.inner_validation import FAR, predictions, refuted
@@ -19,6 +18,7 @@ from identification.diagnosis.selection.search import Searcher
 from identification.diagnosis.selection.start_values import standing_in
 from identification.diagnosis.stepwise import SETTLED, Course, Examined, Step
 from identification.inference.fit_result import Fitted
+from identification.inference.impossible_model import ImpossibleModelError
 from identification.progress import Progress
 
 #: How many effects may be added.
@@ -164,7 +164,7 @@ def _without_the_needless(
         model = without_effect(last.fitted.experiment, step.effect)
         try:
             fit = searcher.beside(searcher.nearby(model, last.fitted.values), last.fitted)
-        except (SimulationError, ValueError):
+        except ImpossibleModelError:
             continue
         inflation, effective = last.fitted.coloured
         fewer = len(last.fitted.point) - len(fit.point)
@@ -189,7 +189,7 @@ def _joined(kept: Sequence[Step], base: Fitted, last: Fitted, searcher: Searcher
         before = base
         if step is not kept[0]:
             before = step.before  # where the model without cannot be simulated from there
-            with contextlib.suppress(SimulationError, ValueError):
+            with contextlib.suppress(ImpossibleModelError):
                 before = searcher.nearby(without_effect(after.experiment, step.effect), after.values)
         joined.append(dataclasses.replace(step, before=before, after=after))
         after = before
@@ -218,7 +218,7 @@ def _exchanges(
             own = log_evidence(
                 base.chi2 - last.fitted.chi2, len(last.fitted.point) - len(base.point), inflation, effective
             )
-        except (SimulationError, ValueError):
+        except ImpossibleModelError:
             continue
         taken = taken_from(last.fitted.experiment, model, step.effect)
         for i, candidate in enumerate(others):
@@ -229,7 +229,7 @@ def _exchanges(
                 searcher.adding(base, candidate)
                 fit = searcher.adding_beside(base, candidate, last.fitted, standing_in(base, last.fitted, candidate))
                 refit = judged(base, candidate, fit, last.scored.replicas, inflation, effective)
-            except (SimulationError, ValueError):
+            except ImpossibleModelError:
                 continue
             if own - refit.log_evidence < CLOSE:
                 rivals[step.effect, candidate.name] = taken, candidate

@@ -6,7 +6,6 @@ import contextlib
 from collections.abc import Mapping
 from pathlib import Path
 
-from cradle_env.simulation import SimulationError
 from identification.diagnosis.data_checks.instrument_faults import check_slips
 from identification.diagnosis.data_checks.readings import check_readings
 from identification.diagnosis.data_checks.run_consistency import check_agreement
@@ -18,6 +17,7 @@ from identification.diagnosis.selection.rigid_strings import said, simpler
 from identification.diagnosis.selection.search import Searcher, Store
 from identification.experiment.experiment import Experiment
 from identification.inference.fit_result import Fitted, with_known_noise
+from identification.inference.impossible_model import ImpossibleModelError
 from identification.inference.linear_algebra import on_one_thread
 from identification.progress import Progress
 from identification.storage.lock import holds_out
@@ -90,7 +90,7 @@ def _others(repaired: Repaired, searcher: Searcher) -> dict[Names, Fitted]:
     without = searcher.nearby(model, last.values)
     for several in others:
         fit = without
-        with contextlib.suppress(SimulationError, ValueError):
+        with contextlib.suppress(ImpossibleModelError):
             for candidate in several:
                 fit = searcher.adding(fit, added_as(fit.cradle, candidate))
             found[tuple(c.name for c in several)] = searcher.on_everything(fit)

@@ -18,10 +18,11 @@ from identification.inference.gap import Gap
 from identification.inference.impact_order_noise import learned
 from identification.inference.laplace import mode_at
 from identification.inference.least_squares import SEVERAL, jacobian
-from identification.inference.likelihood import Likelihood, rms
+from identification.inference.likelihood import Likelihood
 from identification.inference.linear_algebra import on_one_thread
 from identification.inference.mcmc import sample
 from identification.inference.mode_search import find_mode, refit
+from identification.inference.noise_model import rms
 from identification.inference.nonsmooth import broad_jacobian
 from identification.inference.posterior import Posterior
 from identification.inference.predictive_check import allowed_gap
@@ -62,13 +63,13 @@ def calibrate(
         folder.mkdir(parents=True, exist_ok=True)
         checkpoint = Checkpoint(folder / "chain.h5", likelihood, seed)
         if not checkpoint.exists():
-            mode = find_mode(likelihood, seed, tell)
+            weighted, mode = find_mode(likelihood, seed, tell)
             tell("search", 0.95, "how the readings jump about the mode")
-            known, mode = learned(likelihood, mode)
-            inflations = likelihood.noise_inflations(mode.point)
+            known, mode = learned(weighted, mode)
+            inflations = weighted.noise_inflations(mode.point)
             wider = dataclasses.replace(mode, covariance=max(inflations) * mode.covariance)
-            checkpoint.begin(wider, known.jumps, inflations)
-        likelihood = likelihood.with_jumps(checkpoint.jumps()).with_inflations(checkpoint.inflations())
+            checkpoint.begin(wider, known.noise_model.impact_order, inflations)
+        likelihood = likelihood.with_noise(checkpoint.noise_model())
         verdict = sample(likelihood, checkpoint, steps=steps, max_steps=max_steps, progress=tell)
         chains = checkpoint.read()
     kept = Chains(*(array[:, verdict.burn_in :] for array in dataclasses.astuple(chains)))
@@ -87,14 +88,15 @@ def measure_gap(posterior: Posterior) -> Gap:
     full = posterior.likelihood
     train, held = training_rows(full.experiment)
     likelihood = Likelihood(full.experiment, train, full.workers, full.parameters)
-    point = refit(likelihood, posterior.best())
+    likelihood, point = refit(likelihood, posterior.best())
     unseen = Likelihood(full.experiment, held, full.workers, full.parameters)
+    # An estimate may hold more than noise, where frames are few: it is no more than a fit leaves.
+    weights = list(unseen.noise_model.scales)
     for k, run in enumerate(full.experiment.runs):
-        # An estimate may hold more than noise, where frames are few: it is no more than a fit leaves.
-        unseen.weighing[k] = full.noise[k]
         if run.noise is None and train[k].any():
             left = likelihood.predict(point, k, train[k])[0] - run.readings[train[k]]
-            unseen.weighing[k] = min(full.noise[k], rms(left))
+            weights[k] = min(weights[k], rms(left))
+    unseen = unseen.with_noise(unseen.noise_model.with_weights(weights))
     scaled: dict[str, list[np.ndarray]] = {"train": [], "held_out": []}
     raw: dict[str, list[np.ndarray]] = {"train": [], "held_out": []}
     length, quantity = full.experiment.cradle.length, full.experiment.runs[0].quantity
@@ -104,13 +106,13 @@ def measure_gap(posterior: Posterior) -> Gap:
             if rows.any():
                 residual = likelihood.predict(point, k, rows)[0] - run.readings[rows]
                 raw[part].append(residual * in_first)
-                scaled[part].append((residual / unseen.weighing[k]).ravel())
+                scaled[part].append((residual / weights[k]).ravel())
     by_bob = {part: _rms_by_bob(rows) for part, rows in raw.items() if rows}
     ratio = {part: rms(np.concatenate(rows)) if rows else np.nan for part, rows in scaled.items()}
     residuals = likelihood.residuals(point)
     several = full.experiment.cradle.bobs >= SEVERAL
     J = broad_jacobian(likelihood, point, residuals) if several else jacobian(likelihood, point, residuals)
-    inflation = max(full.inflations)
+    inflation = max(full.noise_model.inflations)
     allowed = allowed_gap(likelihood, unseen, point, inflation * mode_at(likelihood, point, J).covariance, J, inflation)
     return Gap(ratio["train"], ratio["held_out"], by_bob, allowed)
 

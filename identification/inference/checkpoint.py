@@ -15,7 +15,8 @@ import numpy as np
 
 from cradle_env import hdf5_files
 from identification.inference.laplace import Mode, well_conditioned
-from identification.inference.likelihood import Jumps, Likelihood
+from identification.inference.likelihood import Likelihood
+from identification.inference.noise_model import ImpactOrderNoise, NoiseModel
 from identification.storage.files import ExperimentError, write
 from identification.storage.provenance import program
 from identification.storage.schema import check
@@ -110,9 +111,9 @@ class Checkpoint:
                 if known["iteration"] > steps:
                     raise hdf5_files.UnreadableError(f"{self.path}: {name} holds {steps} steps of {known['iteration']}")
 
-    def begin(self, mode: Mode, jumps: Sequence[Jumps], inflations: Sequence[float]) -> None:
-        """A file without steps, with the mode from which sampling starts, how the readings of each run jump, and how
-        many of them count for one."""
+    def begin(self, mode: Mode, impact_order: Sequence[ImpactOrderNoise], inflations: Sequence[float]) -> None:
+        """A file without steps, with the mode from which sampling starts, the impact-order noise of each run, and by
+        how much the noise of each is inflated."""
         with self._changed(new=True) as image, _open(image, "w") as file:
             file.attrs["inputs"] = self.likelihood.experiment.digest
             file.attrs["names"] = self.likelihood.names
@@ -121,7 +122,7 @@ class Checkpoint:
             file.attrs["inflations"] = list(inflations)
             _write_mode(file, 0, mode)
             file.create_group("jumps")
-            for k, of_run in enumerate(jumps):
+            for k, of_run in enumerate(impact_order):
                 file[f"jumps/{k + 1}/directions"], file[f"jumps/{k + 1}/sizes"] = of_run.directions, of_run.sizes
 
     @contextmanager
@@ -131,17 +132,22 @@ class Checkpoint:
             yield image
             write(self.path, image.getvalue())
 
+    def noise_model(self) -> NoiseModel:
+        """The noise model of the chains."""
+        known = self.likelihood.noise_model.with_impact_order(self.impact_order())
+        return known.with_inflations(self.inflations())
+
     def inflations(self) -> list[float]:
-        """How many readings of each run count for one."""
+        """By how much the noise of each run is inflated; see `NoiseModel`."""
         with _open(self.path, "r") as file:
             return [float(value) for value in file.attrs["inflations"]]
 
-    def jumps(self) -> list[Jumps]:
-        """How the readings of each run jump; none where that is not known."""
+    def impact_order(self) -> list[ImpactOrderNoise]:
+        """The impact-order noise of each run; none where that is not known."""
         with _open(self.path, "r") as file:
             known = file["jumps"]
             parts = [known[f"{k + 1}"] for k in range(len(known))]
-            return [Jumps(part["directions"][:], part["sizes"][:]) for part in parts]
+            return [ImpactOrderNoise(part["directions"][:], part["sizes"][:]) for part in parts]
 
     def mode(self, step: int) -> Mode:
         """The mode about which points are proposed at a step: that of the fit, or as last adapted to the chains."""

@@ -17,7 +17,8 @@ from identification.experiment.train_test import training_rows
 from identification.inference.impact_order_noise import widened
 from identification.inference.laplace import mode_at
 from identification.inference.least_squares import unit
-from identification.inference.likelihood import Likelihood, rms
+from identification.inference.likelihood import Likelihood
+from identification.inference.noise_model import rms
 from identification.inference.nonsmooth import broad_jacobian, widest
 from identification.inference.predictive_check import allowed_gap
 
@@ -169,7 +170,7 @@ class Fitted:
         for k, run in enumerate(self.experiment.runs):
             if rows[k].any():
                 model = self.likelihood.predict(self.point, k, rows[k])[0]
-                parts.append(((model - run.readings[rows[k]]) / self.likelihood.noise[k]).ravel())
+                parts.append(((model - run.readings[rows[k]]) / self.likelihood.noise_model.scales[k]).ravel())
         return rms(np.concatenate(parts)) if parts else float("nan")
 
     def held_out_gap(self) -> float:

@@ -12,11 +12,12 @@ import math
 
 import numpy as np
 
-from cradle_env.simulation import SimulationError
 from cradle_env.threads import in_threads
+from identification.inference.impossible_model import ImpossibleModelError
 from identification.inference.laplace import Mode, mode_at
-from identification.inference.least_squares import SEVERAL, bounds, steps
-from identification.inference.likelihood import Jumps, Likelihood
+from identification.inference.least_squares import SEVERAL, Misfit, bounds, steps
+from identification.inference.likelihood import Likelihood
+from identification.inference.noise_model import ImpactOrderNoise
 from identification.inference.nonsmooth import among_modes, broad_jacobian, descents, nearest, polish
 
 #: Pairs of points about a mode from which the size of jumps is learned, and how often, each time as far out as they
@@ -53,25 +54,26 @@ def learned(likelihood: Likelihood, mode: Mode) -> tuple[Likelihood, Mode]:
     covariance = widened(likelihood, point, J, mode_at(likelihood, point, J).covariance)
     scatter = _unforeseen(likelihood, point, J, covariance, _LEARNED, 0)
     scatter *= _GENEROUS / math.sqrt(max(scatter.shape[1], 1))
-    of_runs = zip(likelihood.parts(), likelihood.weighing, strict=True)
-    known = likelihood.with_jumps([_of_run(scatter[part] * weight) for part, weight in of_runs])
+    of_runs = zip(likelihood.parts(), likelihood.noise_model.weights, strict=True)
+    impact_order = [_of_run(scatter[part] * weight) for part, weight in of_runs]
+    known = likelihood.with_noise(likelihood.noise_model.with_impact_order(impact_order))
     for _ in range(_STEPS):
         residuals = known.residuals(point)
-        moved, reached, _ = nearest(known, point, descents(known.whitened(J), residuals))
+        moved, reached, _ = nearest(known, point, descents(known.whiten(J), residuals))
         if not reached < float(np.sum(residuals**2)):
             break
         point = moved
-    return known, mode_at(known, point, known.whitened(J))
+    return known, mode_at(known, point, known.whiten(J))
 
 
-def size(likelihood: Likelihood, point: np.ndarray, J: np.ndarray, covariance: np.ndarray) -> float:
+def size(likelihood: Misfit, point: np.ndarray, J: np.ndarray, covariance: np.ndarray) -> float:
     """χ² by which readings jump on moves about a point as far as the truth may lie, in the mean; infinite where none is
     possible."""
     pairs = _unforeseen(likelihood, point, J, covariance, _DRAWN, 0)
     return 0.5 * float(np.mean(np.sum(pairs**2, axis=0))) if pairs.size else math.inf
 
 
-def principal_axes(likelihood: Likelihood, covariance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def principal_axes(likelihood: Misfit, covariance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Principal axes (D, D) of a covariance, in columns, a standard deviation long; and the part of each, (D,), that is
     no longer than from where on jumps are as large as anywhere: along what is hardly known, that is a small one."""
     scale = np.sqrt(np.diag(covariance))
@@ -81,15 +83,15 @@ def principal_axes(likelihood: Likelihood, covariance: np.ndarray) -> tuple[np.n
     return axes, np.minimum(1.0, reach.min(axis=0))
 
 
-def _of_run(scatter: np.ndarray) -> Jumps:
+def _of_run(scatter: np.ndarray) -> ImpactOrderNoise:
     """Directions and sizes of jumps that scatter so, (R, K) [rad or m]; all but the smallest."""
     directions, sizes, _ = np.linalg.svd(scatter, full_matrices=False)
     large = sizes > _SMALL * sizes[:1]
-    return Jumps(directions[:, large], sizes[large])
+    return ImpactOrderNoise(directions[:, large], sizes[large])
 
 
 def _unforeseen(
-    likelihood: Likelihood, point: np.ndarray, J: np.ndarray, covariance: np.ndarray, count: int, seed: int
+    likelihood: Misfit, point: np.ndarray, J: np.ndarray, covariance: np.ndarray, count: int, seed: int
 ) -> np.ndarray:
     """What the derivatives do not foretell of the changes between points about a mode, (R, ≤ count): of pairs as far
     from it as the truth may lie, to both sides, so that what bends smoothly cancels. Impossible points show nothing."""
@@ -100,7 +102,7 @@ def _unforeseen(
         above, below = (np.clip(point + side * step, *bounds(likelihood)) for side in (1.0, -1.0))
         try:
             return likelihood.residuals(above) - likelihood.residuals(below) - J @ (above - below)
-        except (SimulationError, ValueError):
+        except ImpossibleModelError:
             return None
 
     found = [one for one in in_threads(change, list(drawn.T), likelihood.workers) if one is not None]

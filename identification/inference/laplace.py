@@ -7,7 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from identification.inference.likelihood import Likelihood, rms
+from identification.inference.likelihood import Likelihood
+from identification.inference.noise_model import rms
 
 
 @dataclass(frozen=True)
@@ -30,7 +31,7 @@ def mode_at(likelihood: Likelihood, point: np.ndarray, J: np.ndarray) -> Mode:
         if name in likelihood.names and part.stop > part.start:
             scale = max(rms(residuals[part]), 1e-3)
             weight[part] = 1.0 / scale
-            point[likelihood.names.index(name)] = math.log(likelihood.weighing[k] * scale)
+            point[likelihood.names.index(name)] = math.log(likelihood.noise_model.weights[k] * scale)
     information = (J * weight[:, None] ** 2).T @ J
     for i, u in enumerate(likelihood.unknowns):
         if u.name.startswith("noise@"):

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
+from typing import Protocol
 
 import numpy as np
 from scipy.optimize import least_squares
 
-from cradle_env.simulation import SimulationError
 from cradle_env.threads import each_in_threads, in_threads
-from identification.inference.likelihood import Likelihood
+from identification.experiment.experiment import Experiment
+from identification.inference.impossible_model import ImpossibleModelError
+from identification.inference.unknowns import Unknown
 
 #: The residual [sigma] of every reading at an impossible point.
 _IMPOSSIBLE = 1e4
@@ -23,7 +25,19 @@ SEVERAL = 3
 _FORETOLD = 0.3
 
 
-def bounds(likelihood: Likelihood) -> tuple[np.ndarray, np.ndarray]:
+class Misfit(Protocol):
+    """What least squares minimizes the residuals of: a likelihood, or one with an unknown held."""
+
+    experiment: Experiment
+    unknowns: tuple[Unknown, ...]
+    workers: int | None
+
+    def residuals(self, point: np.ndarray) -> np.ndarray:
+        """Residuals (R + P,) at a point (D,); ImpossibleModelError where there is no motion."""
+        ...
+
+
+def bounds(likelihood: Misfit) -> tuple[np.ndarray, np.ndarray]:
     """Sampled coordinates between which the search stays; both (D,)."""
     low = np.array([math.log(u.low) if u.log else u.low for u in likelihood.unknowns])
     high = np.array([math.log(u.high) if u.log else u.high for u in likelihood.unknowns])
@@ -31,21 +45,21 @@ def bounds(likelihood: Likelihood) -> tuple[np.ndarray, np.ndarray]:
     return low + inset, high - inset
 
 
-def safe_residuals(likelihood: Likelihood, point: np.ndarray, length: int | None = None) -> np.ndarray:
+def safe_residuals(likelihood: Misfit, point: np.ndarray, length: int | None = None) -> np.ndarray:
     """Residuals, or huge ones where the point is impossible."""
     try:
         return likelihood.residuals(point)
-    except (SimulationError, ValueError):
+    except ImpossibleModelError:
         if length is None:
             raise
         return np.full(length, _IMPOSSIBLE)
 
 
-def cost(likelihood: Likelihood, point: np.ndarray) -> float:
+def cost(likelihood: Misfit, point: np.ndarray) -> float:
     """Sum of squared residuals at a point; infinite where it is impossible."""
     try:
         found = float(np.sum(likelihood.residuals(point) ** 2))
-    except (SimulationError, ValueError):
+    except ImpossibleModelError:
         return math.inf
     return math.inf if math.isnan(found) else found
 
@@ -56,7 +70,7 @@ def unit(chi2: float, readings: int) -> float:
     return max(1.0, chi2 / max(readings, 1))
 
 
-def steps(likelihood: Likelihood) -> np.ndarray:
+def steps(likelihood: Misfit) -> np.ndarray:
     """Finite-difference steps of the coordinates, (D,): small against what is known of each."""
     found = []
     for u in likelihood.unknowns:
@@ -69,7 +83,7 @@ def steps(likelihood: Likelihood) -> np.ndarray:
     return np.array(found)
 
 
-def jacobian(likelihood: Likelihood, point: np.ndarray, base: np.ndarray) -> np.ndarray:
+def jacobian(likelihood: Misfit, point: np.ndarray, base: np.ndarray) -> np.ndarray:
     """Derivatives of the residuals (R, D), by one-sided differences that stay within the bounds."""
     high = bounds(likelihood)[1]
     width = steps(likelihood)
@@ -79,14 +93,14 @@ def jacobian(likelihood: Likelihood, point: np.ndarray, base: np.ndarray) -> np.
     return (np.array(columns) - base).T / width
 
 
-def refine(likelihood: Likelihood, point: np.ndarray, evaluations: int) -> tuple[np.ndarray, float]:
+def refine(likelihood: Misfit, point: np.ndarray, evaluations: int) -> tuple[np.ndarray, float]:
     """(point, sum of squared residuals) that least squares reaches in at most so many evaluations; (start, inf) where
     it cannot begin."""
     low, high = bounds(likelihood)
     inside = np.clip(point, low, high)
     try:
         first = likelihood.residuals(inside)
-    except (SimulationError, ValueError):
+    except ImpossibleModelError:
         return inside, math.inf
     length, cost_before = len(first), math.inf
     if not len(inside):
@@ -111,7 +125,7 @@ def refine(likelihood: Likelihood, point: np.ndarray, evaluations: int) -> tuple
 
 
 def refined_from(
-    likelihood: Likelihood, points: Sequence[np.ndarray], evaluations: int
+    likelihood: Misfit, points: Sequence[np.ndarray], evaluations: int
 ) -> Iterator[tuple[np.ndarray, float]]:  # fmt: skip
     """What `refine` reaches from each of several points, side by side: much of a descent is one simulation after
     another."""
@@ -123,7 +137,7 @@ class _Descent:
     for each unknown, only where readings may jump or the last step did not do about what they foretold; else that step
     corrects them (Broyden 1965). fresh: whether the last are by differences."""
 
-    def __init__(self, likelihood: Likelihood, start: np.ndarray, residuals: np.ndarray):
+    def __init__(self, likelihood: Misfit, start: np.ndarray, residuals: np.ndarray):
         self.likelihood, self.fresh = likelihood, True
         self.width = steps(likelihood)
         self._seen = start.copy(), residuals

@@ -6,20 +6,21 @@ import copy
 import dataclasses
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
 from cradle_env.cradle import Cradle
 from cradle_env.release import InitialState, Release
-from cradle_env.simulation import SimulationError, equilibrium, simulate
+from cradle_env.simulation import equilibrium, simulate
 from cradle_env.synchronization import WINDOW, newton_exponent, sigma
 from cradle_env.threads import in_threads
 from cradle_env.trajectory import Trajectory
 from identification.experiment.experiment import Experiment
-from identification.experiment.noise import correlation, inflation, noise_of
+from identification.experiment.noise import correlation, inflation
 from identification.experiment.run import Run
+from identification.inference.impossible_model import ImpossibleModelError, raises_impossible
 from identification.inference.instrument import Instrument
+from identification.inference.noise_model import NoiseModel
 from identification.inference.unknowns import Unknown, model_unknowns, run_unknowns, sag
 
 #: Sampling of θ_n for σ and λ [1/s].
@@ -27,33 +28,11 @@ LAMBDA_RATE = 240.0
 #: Integration steps of the inference are longer than those of `simulate`: 1e-7 rad over 10 s, 3e-6 with dry friction,
 #: 1e-5 where contacts are followed in time, a thousandth of what strings' creep does; below any noise.
 STEP_FACTOR = 2.2
-#: Where the noise is unknown, a search first takes it for this share of the readings' RMS.
-_UNKNOWN_NOISE = 0.02
 _NONE = np.empty(0)
 
 
-@dataclass(frozen=True, eq=False)
-class Jumps:
-    """How the R readings of a run scatter beside their noise, where the order of impacts hangs on differences that
-    nobody can state: sizes [rad or m], (K,), along orthonormal directions, (R, K). See `impact_order_noise`."""
-
-    directions: np.ndarray
-    sizes: np.ndarray
-
-    def whitened(self, residuals: np.ndarray, sigma: float) -> np.ndarray:
-        """Residuals over the noise sigma, (R,) or (R, M), over noise and jumps together."""
-        shrunk = 1.0 / np.sqrt(1.0 + (self.sizes / sigma) ** 2) - 1.0
-        return residuals + (self.directions * shrunk) @ (self.directions.T @ residuals)
-
-    def log_volume(self, sigma: float) -> float:
-        """By how much they widen the density of the readings, beside noise sigma."""
-        return 0.5 * float(np.sum(np.log1p((self.sizes / sigma) ** 2)))
-
-
 class Likelihood:
-    """The posterior density of an experiment: Gaussian noise about the simulated readings, and the priors; with
-    `jumps`, one of each run, about readings that scatter as these say. Of noise that is correlated from one reading to
-    the next, `inflations` readings count for one.
+    """The posterior density of an experiment: Gaussian noise about the simulated readings, and the priors.
 
     rows: which readings count, one (T,) of bool per run; those that may be fitted where omitted. parameters: which of
     k_f, kappa and b to infer, all that matter where omitted. A point is a vector of sampled coordinates, one per
@@ -68,18 +47,11 @@ class Likelihood:
         parameters: Sequence[str] | None = None,
     ):
         self.experiment, self.workers, self.parameters = experiment, workers, parameters
-        self.jumps: tuple[Jumps, ...] = ()
-        #: By how much the noise of each run hides more than white noise of its size, as χ²: in the density alone.
-        self.inflations: tuple[float, ...] = (1.0,) * len(experiment.runs)
+        #: The noise of each run. Its inflations count in the density alone, not in least squares.
+        self.noise_model = NoiseModel.of(experiment)
         self.rows = [run.fitted for run in experiment.runs] if rows is None else rows
-        self.noise = [noise_of(run) for run in experiment.runs]
-        #: What least squares weighs residuals with: the noise, or, while it is unknown, what a model may leave.
-        self.weighing = [
-            noise if run.noise is not None else max(noise, _UNKNOWN_NOISE * rms(run.readings[run.fitted]))
-            for run, noise in zip(experiment.runs, self.noise, strict=True)
-        ]
         self.of_model = model_unknowns(experiment, parameters)
-        self.of_runs = [run_unknowns(experiment, k, self.noise[k]) for k in range(len(experiment.runs))]
+        self.of_runs = [run_unknowns(experiment, k, scale) for k, scale in enumerate(self.noise_model.scales)]
         self.unknowns: tuple[Unknown, ...] = (*self.of_model, *(u for run in self.of_runs for u in run))
 
     @property
@@ -87,16 +59,10 @@ class Likelihood:
         """Names of the unknowns."""
         return [u.name for u in self.unknowns]
 
-    def with_jumps(self, jumps: Sequence[Jumps]) -> Likelihood:
-        """The same, of readings that scatter so; one of each run."""
+    def with_noise(self, noise_model: NoiseModel) -> Likelihood:
+        """The same likelihood with another noise model."""
         other = copy.copy(self)
-        other.jumps, other.weighing = tuple(jumps), list(self.weighing)
-        return other
-
-    def with_inflations(self, inflations: Sequence[float]) -> Likelihood:
-        """The same, of readings of which so many count for one; for each run."""
-        other = copy.copy(self)
-        other.inflations = tuple(inflations)
+        other.noise_model = noise_model
         return other
 
     def correlations(self, residuals: np.ndarray) -> list[float]:
@@ -129,11 +95,13 @@ class Likelihood:
         """Values of the unknowns at a point, by name."""
         return {u.name: float(u.value(z)) for u, z in zip(self.unknowns, point, strict=True)}
 
+    @raises_impossible
     def cradle(self, values: Mapping[str, float], run: Run | None = None) -> Cradle:
         """The cradle with these values, at the δ of a run (the first where omitted)."""
         cradle = self.experiment.cradle_of(run or self.experiment.runs[0])
         return cradle.with_values({u.name: values[u.name] for u in self.of_model})
 
+    @raises_impossible
     def beginning(self, values: Mapping[str, float], index: int) -> tuple[Release | InitialState, float]:
         """(how run `index` begins, the time in its file at which the simulation starts [s])."""
         run, at = self.experiment.runs[index], f"@{index + 1}"
@@ -155,6 +123,7 @@ class Likelihood:
         assert theta is not None and theta_dot is not None
         return InitialState(theta, theta_dot, r, each("r_dot"), tension_ratio), run.fit_from
 
+    @raises_impossible
     def predict(self, point: np.ndarray, index: int, rows: np.ndarray, with_lambda: bool = False):
         """(readings (T, N) of run `index` at its times[rows], λ [1/s] of the same run or nan)."""
         values, run = self.values(point), self.experiment.runs[index]
@@ -168,6 +137,7 @@ class Likelihood:
         end, theta0 = beginning.lead(cradle)
         return readings, float(newton_exponent(grid, sigma(grid, theta[:, end], theta0, cradle.period)))
 
+    @raises_impossible
     def motion(self, values: Mapping[str, float], index: int, times: np.ndarray) -> Trajectory:
         """The cradle with these values in run `index` at times (T,) [s] of its file; at rest before it begins."""
         cradle = self.cradle(values, self.experiment.runs[index])
@@ -179,6 +149,7 @@ class Likelihood:
         """What turned the motion of the cradle into the readings of run `index`."""
         return Instrument(cradle, self.experiment.runs[index].quantity)
 
+    @raises_impossible
     def observed(
         self,
         cradle: Cradle,
@@ -205,7 +176,7 @@ class Likelihood:
 
     def sigma_of(self, values: Mapping[str, float], index: int) -> float:
         """Standard deviation of the noise of run `index` [rad or m]."""
-        return values.get(f"noise@{index + 1}", self.noise[index])
+        return values.get(f"noise@{index + 1}", self.noise_model.scales[index])
 
     @property
     def lambda_rides_along(self) -> bool:
@@ -224,16 +195,12 @@ class Likelihood:
                 continue
             try:
                 readings, found = self.predict(point, k, rows, with_lambda=k == 0 and self.lambda_rides_along)
-            except (SimulationError, ValueError):  # an impossible cradle or release is a point of no probability
+            except ImpossibleModelError:  # a point of no probability
                 return -math.inf, math.nan
             rate = found if k == 0 else rate
-            scale = self.sigma_of(values, k)
-            residual = ((run.readings[rows] - readings) / scale)[~np.isnan(run.readings[rows])]
-            volume = len(residual) * math.log(scale)
-            if self.jumps:
-                residual = self.jumps[k].whitened(residual, scale)
-                volume += self.jumps[k].log_volume(scale)
-            total -= (0.5 * float(np.sum(residual**2)) + volume) / self.inflations[k]
+            seen = ~np.isnan(run.readings[rows])
+            residual = (run.readings[rows] - readings)[seen]
+            total += self.noise_model.log_density(k, residual, self.sigma_of(values, k))
         return (total, rate) if math.isfinite(total) else (-math.inf, math.nan)
 
     def log_densities(self, points: np.ndarray) -> np.ndarray:
@@ -241,27 +208,26 @@ class Likelihood:
         return np.array(in_threads(self.log_density, list(points), self.workers))
 
     def residuals(self, point: np.ndarray) -> np.ndarray:
-        """Residuals over `weighing` and jumps, missing readings left out, then those of the normal priors; for least
+        """Residuals over their noise, missing readings left out, then those of the normal priors; for least
         squares. The noise counts as known here, so that its unknown has no residual."""
         parts = []
         for k, (run, rows) in enumerate(zip(self.experiment.runs, self.rows, strict=True)):
             if rows.any():
                 seen = ~np.isnan(run.readings[rows])
-                parts.append(((self.predict(point, k, rows)[0] - run.readings[rows]) / self.weighing[k])[seen])
+                parts.append(
+                    ((self.predict(point, k, rows)[0] - run.readings[rows]) / self.noise_model.weights[k])[seen]
+                )
         prior = [
             (u.value(z) - u.mean) / u.sd for u, z in zip(self.unknowns, point, strict=True) if not math.isnan(u.sd)
         ]
-        return self.whitened(np.concatenate([*parts, np.array(prior)]))
+        return self.whiten(np.concatenate([*parts, np.array(prior)]))
 
-    def whitened(self, residuals: np.ndarray) -> np.ndarray:
-        """Residuals over `weighing`, (R,) or (R, M), over what the readings scatter by as well."""
-        if self.jumps:
-            residuals = residuals.copy()
-            for jumps, part, weight in zip(self.jumps, self.parts(), self.weighing, strict=True):
-                residuals[part] = jumps.whitened(residuals[part], weight)
-        return residuals
+    def whiten(self, residuals: np.ndarray) -> np.ndarray:
+        """Residuals over the weights of the noise model, (R,) or (R, M), over impact-order noise as well."""
+        return self.noise_model.whiten(residuals, self.parts())
 
 
+@raises_impossible
 def hanging_radius(cradle: Cradle, tension_ratio: np.ndarray | None = None) -> np.ndarray:
     """r of each bob where it hangs alone [m], (N,), on strings of this tension over that of new ones, (N,): worn in,
     they give way further."""
@@ -278,9 +244,3 @@ def lifted_further(release: Release, error: float) -> Release:
         return dataclasses.replace(release, angles=further)
     assert release.angle is not None
     return dataclasses.replace(release, angle=release.angle + math.copysign(1.0, release.angle) * error)
-
-
-def rms(values: np.ndarray) -> float:
-    """Root mean square of the finite values; nan if there are none."""
-    finite = values[np.isfinite(values)]
-    return float(np.sqrt(np.mean(finite**2))) if len(finite) else math.nan

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from cradle_env.simulation import SimulationError
 from cradle_env.threads import in_threads
+from identification.inference.impossible_model import ImpossibleModelError
 from identification.inference.laplace import Mode, mode_at
 from identification.inference.least_squares import (
     SEVERAL,
@@ -19,7 +19,8 @@ from identification.inference.least_squares import (
     refined_from,
     unit,
 )
-from identification.inference.likelihood import Likelihood, rms
+from identification.inference.likelihood import Likelihood
+from identification.inference.noise_model import rms
 from identification.progress import Progress
 
 #: Points drawn over the search box; refined on the early data are the best of each of so many slices of κ, and so many
@@ -37,9 +38,12 @@ _RUNGS = (0.0003, 0.0007, 0.0015, 0.003, 0.006)
 _TRIED, _CLIMBS, _WAY, _END = 4, 5, 5, 40
 
 
-def find_mode(likelihood: Likelihood, seed: int = 0, progress: Progress | None = None) -> Mode:
-    """The best mode: random draws over the search box scored on the early data, the best of all and of each slice of κ
-    refined on it, the modes so found on all data, and neighbouring values of κ tried around the winner."""
+def find_mode(likelihood: Likelihood, seed: int = 0, progress: Progress | None = None) -> tuple[Likelihood, Mode]:
+    """(the likelihood, with the noise that the mode leaves where it was unknown; its best mode).
+
+    Random points in the search box are scored on the early data. The best of all and of each slice of κ are refined on
+    the early data, the modes found there on all data, and then neighbouring values of κ are tried around the winner.
+    """
     tell = progress or (lambda *_: None)
     rng = np.random.default_rng(seed)
     free = any(run.state == "free" for run in likelihood.experiment.runs)
@@ -72,13 +76,15 @@ def find_mode(likelihood: Likelihood, seed: int = 0, progress: Progress | None =
     tell("search", (done + 1) / parts, "refining on all data")
     point, least = min(refined_from(likelihood, chosen, 20), key=lambda pair: pair[1])
     if not math.isfinite(least):
-        raise SimulationError("no point of the search can be simulated over all data: state values nearer to the truth")
+        raise ImpossibleModelError(
+            "no point of the search can be simulated over all data: state values nearer to the truth"
+        )
     if "kappa" in likelihood.names:
         tell("search", 0.9, "neighbouring modes of κ")
         point, least = climb_ladder(likelihood, point, least)
-    _reweigh(likelihood, point)
+    likelihood = _reweighted(likelihood, point)
     point = refine(likelihood, point, 40)[0]
-    return mode_at(likelihood, point, jacobian(likelihood, point, likelihood.residuals(point)))
+    return likelihood, mode_at(likelihood, point, jacobian(likelihood, point, likelihood.residuals(point)))
 
 
 def _worth_refining(likelihood: Likelihood, starts: np.ndarray, costs: np.ndarray) -> list[int]:
@@ -104,12 +110,14 @@ def _distinct(likelihood: Likelihood, refined: list[tuple[np.ndarray, float]]) -
     return kept
 
 
-def _reweigh(likelihood: Likelihood, point: np.ndarray) -> None:
-    """Sets the weight of runs with unknown noise to what the point leaves, so that priors count as they should."""
+def _reweighted(likelihood: Likelihood, point: np.ndarray) -> Likelihood:
+    """The likelihood, runs of unknown noise weighted by what the point leaves, so that priors count in proportion."""
+    weights = list(likelihood.noise_model.weights)
     for k, (run, rows) in enumerate(zip(likelihood.experiment.runs, likelihood.rows, strict=True)):
         if run.noise is None and rows.any():
             residual = likelihood.predict(point, k, rows)[0] - run.readings[rows]
-            likelihood.weighing[k] = max(rms(residual), likelihood.noise[k])
+            weights[k] = max(rms(residual), likelihood.noise_model.scales[k])
+    return likelihood.with_noise(likelihood.noise_model.with_weights(weights))
 
 
 def best_rungs(
@@ -149,10 +157,10 @@ def climb(likelihood: Likelihood, point: np.ndarray) -> np.ndarray:
     return point
 
 
-def refit(likelihood: Likelihood, point: np.ndarray) -> np.ndarray:
-    """The mode near a point, (D,)."""
-    _reweigh(likelihood, point)
-    return refine(likelihood, point, 40)[0]
+def refit(likelihood: Likelihood, point: np.ndarray) -> tuple[Likelihood, np.ndarray]:
+    """(the likelihood, runs of unknown noise weighted by what the point leaves; the mode near the point, (D,))."""
+    likelihood = _reweighted(likelihood, point)
+    return likelihood, refine(likelihood, point, 40)[0]
 
 
 def early_rows(likelihood: Likelihood, periods: float = _EARLY_PERIODS) -> list[np.ndarray]:

@@ -14,7 +14,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from cradle_env.threads import in_threads
-from identification.inference.least_squares import SEVERAL, bounds, cost, safe_residuals, steps, unit
+from identification.inference.least_squares import SEVERAL, Misfit, bounds, cost, safe_residuals, steps, unit
 from identification.inference.likelihood import Likelihood
 from identification.inference.mode_search import climb
 
@@ -38,13 +38,13 @@ FAR, _FAST = 4.0, 0.1
 _SEEN = 1e-9
 
 
-def widest(likelihood: Likelihood) -> np.ndarray:
+def widest(likelihood: Misfit) -> np.ndarray:
     """Steps of the unknowns, (D,), at which the search for such as fit begins."""
     return _WIDEST * steps(likelihood)
 
 
 def broad_jacobian(
-    likelihood: Likelihood, point: np.ndarray, residuals: np.ndarray, widths: np.ndarray | None = None
+    likelihood: Misfit, point: np.ndarray, residuals: np.ndarray, widths: np.ndarray | None = None
 ) -> np.ndarray:
     """Derivatives of the residuals (R, D), by differences to both sides as wide as the readings tell them apart well:
     first in each unknown alone, then along the principal directions that those show. residuals: those at the point,
@@ -67,9 +67,7 @@ def broad_jacobian(
     return first
 
 
-def _column(
-    likelihood: Likelihood, point: np.ndarray, i: int, length: int, sigma: float, widths: np.ndarray
-) -> np.ndarray:
+def _column(likelihood: Misfit, point: np.ndarray, i: int, length: int, sigma: float, widths: np.ndarray) -> np.ndarray:
     """Derivative with respect to one unknown, (R,): from a step that is far too wide down to one that fits, past the
     single values at which a run comes out quite different."""
     direction = np.eye(len(point))[i]
@@ -83,7 +81,7 @@ def _column(
     return derivative
 
 
-def _between(likelihood: Likelihood, point: np.ndarray, step: np.ndarray, length: int) -> np.ndarray:
+def _between(likelihood: Misfit, point: np.ndarray, step: np.ndarray, length: int) -> np.ndarray:
     """Change of the residuals per step, (R,), from one step below the point to one above; as far as bounds allow."""
     low, high = bounds(likelihood)
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -96,7 +94,7 @@ def _between(likelihood: Likelihood, point: np.ndarray, step: np.ndarray, length
 
 
 def polish(
-    likelihood: Likelihood, point: np.ndarray, rounds: int = ROUNDS, thorough: bool = False,
+    likelihood: Misfit, point: np.ndarray, rounds: int = ROUNDS, thorough: bool = False,
     widths: np.ndarray | None = None,
 ) -> np.ndarray:  # fmt: skip
     """Where steps by the broad derivatives lead from a point, on and on while χ² falls; (D,). Far above the noise,
@@ -140,7 +138,7 @@ def among_modes(likelihood: Likelihood, point: np.ndarray) -> np.ndarray:
 
 
 def nearest(
-    likelihood: Likelihood, point: np.ndarray, moves: Sequence[np.ndarray]
+    likelihood: Misfit, point: np.ndarray, moves: Sequence[np.ndarray]
 ) -> tuple[np.ndarray, float, np.ndarray]:  # fmt: skip
     """(point (D,), χ²) of the best of several moves, and χ² of all."""
     tried = [np.clip(point + move, *bounds(likelihood)) for move in moves]
@@ -150,7 +148,7 @@ def nearest(
 
 
 def _scattered(
-    likelihood: Likelihood, point: np.ndarray, least: float, deviations: np.ndarray, worth: float
+    likelihood: Misfit, point: np.ndarray, least: float, deviations: np.ndarray, worth: float
 ) -> tuple[np.ndarray, float]:  # fmt: skip
     """(point (D,), χ²) to which random steps lead, on and on while χ² falls: over a misfit that jumps up and down by
     more than it falls on the way, no derivative leads."""

@@ -50,7 +50,9 @@ class Posterior(Samples):
         """ "large" where a gap is beyond MISFIT_GAP and beyond chance; "small" where it is only beyond chance, as can
         be said of stated noise; else "none"."""
         (train, held), gap = training_rows(self.experiment), self.gap
-        allowed = [gap_of_noise(self.experiment.runs, rows, self.likelihood.inflations) for rows in (train, held)]
+        allowed = [
+            gap_of_noise(self.experiment.runs, rows, self.likelihood.noise_model.inflations) for rows in (train, held)
+        ]
         pairs = (gap.train, allowed[0]), (gap.held_out, max(allowed[1], gap.allowed))
         if any(found > max(MISFIT_GAP, chance) for found, chance in pairs):
             return "large"
@@ -194,7 +196,7 @@ class Posterior(Samples):
             "gap": {"train": self.gap.train, "held_out": self.gap.held_out, "allowed": self.gap.allowed},
             "model_describes_data": self.describes_data,
             "misfit": self.misfit,
-            "noise_inflation": list(self.likelihood.inflations),
+            "noise_inflation": list(self.likelihood.noise_model.inflations),
             "at_bounds": {u.name: [u.low, u.high] for u in self.unknowns if u.name in self.at_bounds},
         }
 

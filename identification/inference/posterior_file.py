@@ -74,7 +74,7 @@ def attributes(samples: Samples) -> dict[str, Any]:
         "experiment": json.dumps(samples.experiment.texts()),
         "inputs": samples.experiment.digest,
         "convergence": json.dumps(dataclasses.asdict(samples.convergence)),
-        "inflations": list(samples.likelihood.inflations),
+        "inflations": list(samples.likelihood.noise_model.inflations),
         "gap": json.dumps([gap.train, gap.held_out, by_bob, gap.allowed]),
     }
 
@@ -146,7 +146,7 @@ def _likelihood(path: Path, known: Mapping[str, Any], names: set[str], workers: 
         )
     if not likelihood.unknowns:
         raise ExperimentError(f"{path}: posterior holds no unknown of its experiment; {_REMEDY}")
-    return likelihood.with_inflations(inflations)
+    return likelihood.with_noise(likelihood.noise_model.with_inflations(inflations))
 
 
 def _convergence(path: Path, known: Mapping[str, Any]) -> Convergence:

@@ -14,7 +14,7 @@ from cradle_env.threads import in_threads
 from identification.experiment.run import Run
 from identification.experiment.train_test import training_rows
 from identification.inference.arviz_data import without_arviz_notice
-from identification.inference.likelihood import rms
+from identification.inference.noise_model import rms
 from identification.inference.statistics import statistics
 from identification.number_format import literal, mathtext, ratio, rounding_of, shown, unit_mathtext
 
@@ -269,5 +269,5 @@ def _residuals(posterior: Posterior, index: int) -> np.ndarray:
     run, rows = posterior.experiment.runs[index], _simulated(posterior, index)
     values = np.full(run.readings.shape, np.nan)
     predicted, _ = posterior.likelihood.predict(posterior.best(), index, rows)
-    values[rows] = (run.readings[rows] - predicted) / posterior.likelihood.noise[index]
+    values[rows] = (run.readings[rows] - predicted) / posterior.likelihood.noise_model.scales[index]
     return values

@@ -6,9 +6,9 @@ import math
 
 import numpy as np
 
-from cradle_env.simulation import SimulationError
 from cradle_env.threads import in_threads
 from identification.inference.impact_order_noise import principal_axes
+from identification.inference.impossible_model import ImpossibleModelError
 from identification.inference.least_squares import bounds
 from identification.inference.likelihood import Likelihood
 
@@ -44,7 +44,7 @@ def allowed_gap(
         """In χ²; where no run is possible, as the truth cannot be, nan."""
         try:
             return float(np.sum((held.residuals(np.clip(point + step, *bounds(held)))[:R] - at_mode) ** 2))
-        except (SimulationError, ValueError):
+        except ImpossibleModelError:
             return math.nan
 
     departures = np.array(in_threads(departure, list(drawn), held.workers))

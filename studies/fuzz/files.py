@@ -185,7 +185,7 @@ def kinds(sound: Path) -> dict[str, Kind]:
             if checkpoint.steps():
                 checkpoint.read()
             checkpoint.mode(checkpoint.steps())
-            likelihood.with_jumps(checkpoint.jumps()).with_inflations(checkpoint.inflations())
+            likelihood.with_noise(checkpoint.noise_model())
 
     def read_model_file(path: Path) -> None:
         base, effects = read_model(path)

@@ -107,7 +107,11 @@ class _Scan:
     @classmethod
     def of(cls, fitted: Fitted, k: int) -> _Scan:
         likelihood, at = fitted.likelihood, fitted.readings
-        run, rows, noise = fitted.experiment.runs[k], np.flatnonzero(likelihood.rows[k]), likelihood.noise[k]
+        run, rows, noise = (
+            fitted.experiment.runs[k],
+            np.flatnonzero(likelihood.rows[k]),
+            likelihood.noise_model.scales[k],
+        )
         seen = ~np.isnan(run.readings[rows])
         here = np.flatnonzero(at.run == k)
         rate = _rate(fitted, k) / noise

@@ -77,7 +77,7 @@ def _alone(fitted: Fitted, k: int, seed: int) -> tuple[float, Known]:
         [fitted.likelihood.rows[k]],
         fitted.likelihood.workers,
     )
-    mode = find_mode(likelihood, seed)
+    _, mode = find_mode(likelihood, seed)
     values, deviations = likelihood.values(mode.point), np.sqrt(np.diag(mode.covariance))
     found = {}
     for u, sd in zip(likelihood.unknowns, deviations, strict=True):

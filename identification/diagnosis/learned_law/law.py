@@ -17,7 +17,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cradle_env.simulation import SimulationError
 from cradle_env.threads import each_in_threads, in_threads
 from identification.diagnosis.learned_law.periodic_force import with_time
 from identification.diagnosis.learned_law.terms import Linear, Scales, Term, choice, choice_beside, extended
@@ -30,6 +29,7 @@ from identification.experiment.noise import gap_of_noise
 from identification.experiment.train_test import training_rows
 from identification.experiment.unit_check import swings_read
 from identification.inference.fit_result import Fitted, colour
+from identification.inference.impossible_model import ImpossibleModelError
 from identification.inference.least_squares import cost, refine
 from identification.inference.mode_search import climb_ladder
 from identification.inference.nonsmooth import ROUNDS, polish
@@ -136,7 +136,7 @@ def learn(fitted: Fitted, searcher: Searcher, tell: Progress, rival: Fitted | No
 def _in_step(fitted: Fitted) -> bool:
     """Whether a free run stays near enough to the data for what a term does to it to add up to what it misses."""
     likelihood, motion = fitted.likelihood, 0.0
-    for run, rows, noise in zip(fitted.experiment.runs, likelihood.rows, likelihood.weighing, strict=True):
+    for run, rows, noise in zip(fitted.experiment.runs, likelihood.rows, likelihood.noise_model.weights, strict=True):
         motion += float(np.nansum((swings_read(run, rows)[rows] / noise) ** 2))
     return fitted.training_gap() <= _SMALL or fitted.chi2 <= _MISSED**2 * motion
 
@@ -184,7 +184,7 @@ def _draft(
     """A law with these terms instead, fitted to the first two thirds; None where its gap is not below that asked."""
     try:
         gap = _free(law.before, searcher, part, scales, terms, values, new).held_out_gap()
-    except (SimulationError, ValueError):  # a law under which the cradle cannot swing
+    except ImpossibleModelError:  # a law under which the cradle cannot swing
         return None
     return _Draft(terms, new, values, scales, gap) if gap < below else None
 
@@ -242,7 +242,7 @@ def _whole(law: Law, searcher: Searcher, draft: _Draft) -> Law | None:
     try:
         whole = _free(fitted, searcher, fitted.experiment, draft.scales, draft.terms, draft.values, draft.new)
         whole.held_out_gap()  # raises where the run ends before the readings do
-    except (SimulationError, ValueError):
+    except ImpossibleModelError:
         return None
     return Law(fitted, whole, draft.terms, draft.scales, law.inner_before, draft.gap)
 
@@ -272,8 +272,8 @@ def _free(
     values: dict[str, float], new: tuple[Term, ...] = (),
 ) -> Fitted:  # fmt: skip
     """The fit as one free run, near the values found in windows, those of new terms or less of them: a free run alone
-    would bend terms to its drift; to the whole, also from other κ about there. Raises SimulationError where none of
-    these can be simulated."""
+    would bend terms to its drift; to the whole, also from other κ about there. Raises ImpossibleModelError where
+    none of these can be simulated."""
     likelihood = searcher.likelihood(extended(experiment, scales, terms))
     begun = sorted(values.items()), [term.name for term in new]
     what = experiment.digest, scales, [term.name for term in terms], fitted.point.tolist(), *begun
@@ -292,7 +292,7 @@ def _free(
             reached.append(refine(likelihood, starts[int(np.argmin(costs))], _EVALUATIONS))
         point, least = min(reached, key=lambda pair: pair[1])
         if not math.isfinite(least):
-            raise SimulationError("the law cannot be simulated where its fit begins")
+            raise ImpossibleModelError("the law cannot be simulated where its fit begins")
         whole = experiment is fitted.experiment
         if whole and "kappa" in likelihood.names:  # where a law may begin, the model without it made up for it by κ
             point = refine(likelihood, climb_ladder(likelihood, point, least)[0], _EVALUATIONS)[0]

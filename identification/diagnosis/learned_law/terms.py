@@ -18,14 +18,15 @@ from cradle_env.cradle import Cradle
 from cradle_env.effects import LEARNED, effect
 from cradle_env.effects.learned_force import ALONG_STRINGS, IN_TIME, learned_force
 from cradle_env.effects.radial_elasticity import radial_elasticity
-from cradle_env.simulation import SimulationError
 from cradle_env.threads import in_threads
 from identification.diagnosis.selection.candidates import with_effects
 from identification.diagnosis.selection.inner_validation import FAR
 from identification.diagnosis.selection.model_comparison import log_evidence
 from identification.experiment.experiment import Experiment
 from identification.inference.fit_result import Fitted, span
-from identification.inference.likelihood import Likelihood, rms
+from identification.inference.impossible_model import ImpossibleModelError
+from identification.inference.likelihood import Likelihood
+from identification.inference.noise_model import rms
 from identification.inference.nonsmooth import lengths_of
 from identification.inference.start_points import placed
 
@@ -237,7 +238,7 @@ def column(fitted: Fitted, scales: Scales, term: Term, step: float = _STEP) -> n
     for _ in range(_TRIES):
         try:
             moved = likelihood.residuals(placed(likelihood, {**fitted.values, term.name: step})) - fitted.residuals
-        except (SimulationError, ValueError):
+        except ImpossibleModelError:
             return np.zeros(len(fitted.residuals))
         size = float(np.sqrt(np.mean(moved**2)))
         if size == 0.0 or MOVED / 3.0 < size < 3.0 * MOVED:

@@ -12,7 +12,6 @@ from typing import Any
 from cradle_env import __version__
 from cradle_env.cradle import FIELDS, Cradle
 from cradle_env.effects import effect
-from cradle_env.simulation import SimulationError
 from identification.diagnosis.data_checks.readings import check_readings
 from identification.diagnosis.next_experiment.expected_information import Advice, advise, advise_on_lambda
 from identification.diagnosis.selection.candidates import Names, candidates, without_effect
@@ -20,6 +19,7 @@ from identification.diagnosis.selection.search import Searcher, Store
 from identification.experiment.experiment import Experiment
 from identification.experiment.experiment_file import infer_lines, model_lines
 from identification.inference.fit_result import Fitted, with_known_noise
+from identification.inference.impossible_model import ImpossibleModelError
 from identification.inference.linear_algebra import on_one_thread
 from identification.progress import Progress
 from identification.storage.lock import holds_out
@@ -94,7 +94,7 @@ class Design:
             'file = "run1.csv"',
             f"release = {toml_text(release)}",
             f"delta = {toml_text(plan.delta)}",
-            f"noise = {toml_text(float(model.likelihood.noise[0]) / run.scale)}  # {run.unit}",
+            f"noise = {toml_text(float(model.likelihood.noise_model.scales[0]) / run.scale)}  # {run.unit}",
             f"rest = {toml_text(run.rest)}",
             f"# recorded for {plan.duration:g} s",
             *infer_lines(old.infer),
@@ -201,6 +201,6 @@ def _with(fitted: Fitted, names: Names, each: frozenset[str], searcher: Searcher
         candidate = several[-1 if name in each else 0]
         try:
             fitted = searcher.adding(fitted, candidate)
-        except SimulationError as problem:
+        except ImpossibleModelError as problem:
             raise ValueError(f"{name} cannot be in this cradle: {problem}") from None
     return fitted

@@ -17,11 +17,12 @@ from typing import Any
 import numpy as np
 
 from cradle_env.release import Release
-from cradle_env.simulation import SimulationError, simulate
+from cradle_env.simulation import simulate
 from identification.diagnosis.next_experiment.planned_run import Instrument, Planned, Setting, log_bayes
 from identification.diagnosis.next_experiment.run_grid import described, ordered, searched
 from identification.diagnosis.selection.model_comparison import CLOSE
 from identification.inference.fit_result import Fitted
+from identification.inference.impossible_model import ImpossibleModelError
 from identification.inference.least_squares import bounds
 from identification.progress import Progress
 
@@ -224,7 +225,7 @@ def simulated_log_bayes(
             readings, behind = planned[true].drawn(np.random.default_rng([seed, draw, true]))
             evidence = np.array([model.given(readings).log_evidence(behind) for model in planned])
             found[draw, true] = evidence[true] - evidence
-    except (SimulationError, ValueError):
+    except (ImpossibleModelError, np.linalg.LinAlgError):
         return None
     error = found.std(axis=0, ddof=1) / math.sqrt(draws) if draws > 1 else np.full(found.shape[1:], math.nan)
     return found.mean(axis=0), error
@@ -256,6 +257,6 @@ def _lambda_gradient(fitted: Fitted) -> dict[str, float] | None:
             low, high = (np.clip(fitted.point + side * step, *bounds(likelihood)) for side in (-1.0, 1.0))
             try:
                 found[u.name] = (rate(high) - rate(low)) / (high[i] - low[i])
-            except (SimulationError, ValueError):
+            except (ImpossibleModelError, np.linalg.LinAlgError):
                 return None
     return found if found and all(map(np.isfinite, found.values())) and any(found.values()) else None

@@ -3,6 +3,7 @@ probable it makes data of that experiment, all in the light of the data there ar
 
 from __future__ import annotations
 
+import copy
 import dataclasses
 import functools
 import math
@@ -12,10 +13,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from cradle_env.release import Release
-from cradle_env.simulation import SimulationError
 from identification.experiment.experiment import Experiment
 from identification.experiment.run import ReleaseInfo, Run
 from identification.inference.fit_result import Fitted
+from identification.inference.impossible_model import ImpossibleModelError, raises_impossible
 from identification.inference.least_squares import bounds, jacobian, refine
 from identification.inference.likelihood import Likelihood
 from identification.inference.start_points import placed
@@ -68,7 +69,7 @@ class Instrument:
             run.scale,
             run.rest,
             "unstretched" if release is None else release.release.start,
-            float(fitted.likelihood.noise[0]),
+            float(fitted.likelihood.noise_model.scales[0]),
             rate,
             *known,
             fitted.coloured[0],
@@ -98,6 +99,7 @@ class Planned(Likelihood):
     precision: C⁻¹ (D, D) of that prior in sampled coordinates; before: its mean (D,), the mode of the fit.
     """
 
+    @raises_impossible
     def __init__(self, fitted: Fitted, run: Run):
         old = fitted.experiment
         cradle = fitted.cradle.replace(bobs=run.readings.shape[1], delta=run.delta)
@@ -120,7 +122,7 @@ class Planned(Likelihood):
     def residuals(self, point: np.ndarray) -> np.ndarray:
         """Model less readings over the noise, then what departs from the prior, in its standard deviations."""
         run = self.experiment.runs[0]
-        data = (self.predict(point, 0, self.rows[0])[0] - run.readings) / self.noise[0]
+        data = (self.predict(point, 0, self.rows[0])[0] - run.readings) / self.noise_model.scales[0]
         return np.concatenate([data.ravel(), self._root @ (point - self.before)])
 
     @functools.cached_property
@@ -129,15 +131,14 @@ class Planned(Likelihood):
         readings = self.experiment.runs[0].readings
         base = self.residuals(self.before)
         S = jacobian(self, self.before, base)[: readings.size]
-        model = base[: readings.size] + readings.ravel() / self.noise[0]
+        model = base[: readings.size] + readings.ravel() / self.noise_model.scales[0]
         times = np.repeat(self.experiment.runs[0].times, readings.shape[1])
         return View(self.names, times, model, S, self.precision)
 
     def given(self, readings: np.ndarray) -> Planned:
         """The same with readings (T, N) [rad or m]; what is known to first order does not depend on them."""
         _ = self.view
-        new = object.__new__(Planned)
-        new.__dict__.update(self.__dict__)
+        new = copy.copy(self)
         run = dataclasses.replace(self.experiment.runs[0], readings=readings)
         new.experiment = dataclasses.replace(self.experiment, runs=(run,))
         return new
@@ -148,13 +149,13 @@ class Planned(Likelihood):
         ahead = np.linalg.solve(self._root, rng.standard_normal(len(self.before)))
         point = np.clip(self.before + ahead, *bounds(self))
         seen = self.predict(point, 0, self.rows[0])[0]
-        return seen + self.noise[0] * rng.standard_normal(seen.shape), self.values(point)
+        return seen + self.noise_model.scales[0] * rng.standard_normal(seen.shape), self.values(point)
 
     def mode(self, near: Mapping[str, float] | None = None) -> tuple[np.ndarray, float]:
         """(point (D,), χ²) of a refit to the readings and the prior, from the best of the old mode, of what is right to
         first order, and of values near by."""
         S, precision = self.view.S, self.precision
-        ahead = self.experiment.runs[0].readings.ravel() / self.noise[0] - self.view.model
+        ahead = self.experiment.runs[0].readings.ravel() / self.noise_model.scales[0] - self.view.model
         starts = [self.before, self.before + np.linalg.solve(S.T @ S + precision, S.T @ ahead)]
         if near is not None:
             starts.append(placed(self, {**self.values(self.before), **near}))
@@ -163,7 +164,7 @@ class Planned(Likelihood):
     def _cost(self, point: np.ndarray) -> float:
         try:
             return float(np.sum(self.residuals(np.clip(point, *bounds(self))) ** 2))
-        except (SimulationError, ValueError):
+        except ImpossibleModelError:
             return math.inf
 
     def log_evidence(self, near: Mapping[str, float]) -> float:
@@ -183,7 +184,7 @@ class Planned(Likelihood):
             step = np.linalg.solve(self._root, rng.standard_normal(len(self.before)))
             point = np.clip(self.before + step, *bounds(self))
             along = view.S @ (point - self.before)
-            seen = self.predict(point, 0, self.rows[0])[0].ravel() / self.noise[0]
+            seen = self.predict(point, 0, self.rows[0])[0].ravel() / self.noise_model.scales[0]
             departure, distance = (
                 np.cumsum(np.sum(part.reshape(len(times), -1) ** 2, axis=1))
                 for part in (seen - view.model - along, along)

@@ -6,10 +6,10 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from cradle_env.simulation import SimulationError
 from identification.diagnosis.next_experiment.planned_run import Instrument, Planned, Setting
 from identification.diagnosis.selection.model_comparison import CLOSE
 from identification.inference.fit_result import Fitted
+from identification.inference.impossible_model import ImpossibleModelError
 from identification.progress import Progress
 
 #: The grid: release angles [rad], δ, durations [s]; a first look is taken at one angle, the first at which any run can
@@ -52,7 +52,7 @@ def searched(
                 continue
             try:
                 found[setting] = _telling(models, instrument, setting, told)
-            except (SimulationError, ValueError):  # a setting that one of the models cannot be in
+            except (ImpossibleModelError, np.linalg.LinAlgError):  # a setting that one of the models cannot be in
                 continue
 
     shapes = [(n, k) for n in range(1, most + 1) for k in range(1, max(n, 2))]
@@ -93,7 +93,7 @@ def _telling(
     followed = min(model.followed for model in planned)
     values = [told(planned, duration) for duration in _DURATIONS if duration <= followed]
     if not values:
-        raise ValueError(f"no model follows this run beyond {followed:g} s")
+        raise ImpossibleModelError(f"no model follows this run beyond {followed:g} s")
     wanted = min((1.0 - _LONGER) * values[-1].min(), _ENOUGH)
     k = next(k for k, value in enumerate(values) if value.min() >= wanted or k == len(values) - 1)
     return _DURATIONS[k], values[k]

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from cradle_env.release import InitialState
-from cradle_env.simulation import SimulationError
 from identification.inference.fit_result import Fitted, span
+from identification.inference.impossible_model import ImpossibleModelError, raises_impossible
 
 #: Width of a window, in small-angle periods.
 _WIDTH = 2.0
@@ -93,7 +93,7 @@ def _of_run(fitted: Fitted, index: int) -> list[Window]:
     likelihood, at, run = fitted.likelihood, fitted.readings, fitted.experiment.runs[index]
     values, cradle = fitted.values, likelihood.cradle(fitted.values, run)
     ends, found = edges(fitted, index), []
-    noise = likelihood.weighing[index] / (1.0 if run.quantity == "theta" else cradle.length)
+    noise = likelihood.noise_model.weights[index] / (1.0 if run.quantity == "theta" else cradle.length)
     omega = 2.0 * np.pi / cradle.period
     steps = _APART * noise * np.array([1.0] * cradle.bobs + [omega] * cradle.bobs)
     # What it takes to turn changes of (θ, θ̇) into energy: that of one bob on a string of the nominal length.
@@ -107,6 +107,7 @@ def _of_run(fitted: Fitted, index: int) -> list[Window]:
         times, row = np.unique(at.time[rows], return_inverse=True)
         state = np.concatenate([starts.theta[i], starts.theta_dot[i]])
 
+        @raises_impossible
         def seen(moved, i=i, times=times, low=low, row=row, bob=at.bob[rows]) -> np.ndarray:
             theta, theta_dot = np.split(moved, 2)
             start = InitialState(theta, theta_dot, starts.r[i], starts.r_dot[i])
@@ -115,9 +116,9 @@ def _of_run(fitted: Fitted, index: int) -> list[Window]:
         try:
             still = seen(state)
             S = np.array([seen(state + step) - still for step in np.diag(steps)]).T
-        except (SimulationError, ValueError):
+        except ImpossibleModelError:
             continue
-        S /= steps * likelihood.weighing[index]
+        S /= steps * likelihood.noise_model.weights[index]
         slope = np.concatenate([weight * np.sin(starts.theta[i]), inertia * starts.theta_dot[i]])
         energy = -slope @ np.linalg.pinv(S)
         found.append(Window(index, (float(low), float(high)), rows, span(S), energy, float(np.linalg.norm(energy))))

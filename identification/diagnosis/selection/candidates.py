@@ -12,6 +12,7 @@ from cradle_env.cradle import Cradle
 from cradle_env.effects import MODELS, Effect, Parameter, effect, known_effects
 from cradle_env.effects.elements import element_of
 from identification.experiment.experiment import Experiment
+from identification.inference.impossible_model import raises_impossible
 
 Values = Mapping[str, Any]
 #: Effects that are in question together.
@@ -118,6 +119,7 @@ def starts(declared: Effect, bobs: int, factors: tuple[float, ...]) -> Iterator[
             yield shape | {p.key: p.repeat(p.at_strength(side * factor), bobs) for p in declared.strengths}
 
 
+@raises_impossible
 def with_effects(
     experiment: Experiment, added: Mapping[str, Values], unknown: tuple[str, ...] | None = None
 ) -> Experiment:
@@ -133,6 +135,7 @@ def with_effects(
     )
 
 
+@raises_impossible
 def without_effect(experiment: Experiment, name: str) -> Experiment:
     """The experiment with one effect taken out of its model: one that was added to its base, or one of the base's."""
     effects = {key: values for key, values in experiment.cradle.effects.items() if key != name}

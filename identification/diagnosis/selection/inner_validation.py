@@ -6,12 +6,12 @@ from __future__ import annotations
 import dataclasses
 import math
 
-from cradle_env.simulation import SimulationError
 from identification.diagnosis.selection.search import Searcher, finished, fit_key
 from identification.experiment.experiment import Experiment
 from identification.experiment.train_test import training_rows
 from identification.inference import nonsmooth
 from identification.inference.fit_result import Fitted
+from identification.inference.impossible_model import ImpossibleModelError
 from identification.inference.start_points import placed
 
 #: The part of the training time that is fitted.
@@ -52,7 +52,7 @@ def gap_within(fitted: Fitted, searcher: Searcher) -> tuple[Fitted, float]:
     within = _fitted_within(fitted, searcher)
     try:
         return within, within.held_out_gap()
-    except SimulationError:
+    except ImpossibleModelError:
         return within, math.inf
 
 

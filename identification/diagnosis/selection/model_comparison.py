@@ -19,13 +19,13 @@ import numpy as np
 from cradle_env.effects.added_mass import added_mass
 from cradle_env.effects.clock_scale import clock_scale
 from cradle_env.effects.length_mismatch import length_mismatch
-from cradle_env.simulation import SimulationError
 from identification.diagnosis.selection.candidates import Candidate, candidates
 from identification.diagnosis.selection.inner_validation import EQUAL, FAR, predictions, refuted
 from identification.diagnosis.selection.score_test import Scored, family_p, surprise_of
 from identification.diagnosis.selection.search import Searcher, only_noise
 from identification.diagnosis.selection.start_values import standing_in
 from identification.inference.fit_result import Fitted
+from identification.inference.impossible_model import ImpossibleModelError
 from identification.inference.least_squares import SEVERAL
 from identification.progress import Progress
 
@@ -94,7 +94,7 @@ def beside(fitted: Fitted, scored: Scored, other: Fitted, searcher: Searcher, te
             try:
                 likely = [*s.likely, *standing_in(fitted, other, s.candidate)]
                 fits[s.candidate] = searcher.adding_beside(fitted, s.candidate, other, likely, enough)
-            except (SimulationError, ValueError):
+            except ImpossibleModelError:
                 continue
     return _decision(fitted, fits, scored, searcher, other)
 
@@ -112,12 +112,12 @@ def of_the_period(fitted: Fitted, searcher: Searcher, tell: Progress) -> dict[Ca
     tell("refit", 0.0, f"{clock.label} from anywhere")
     try:
         first = searcher.anywhere(fitted, clock)
-    except SimulationError:  # from these draws nowhere
+    except ImpossibleModelError:  # from these draws nowhere
         return {}
     fits = {clock: first}
     if fitted.chi2 - first.chi2 > 2.0 * CLOSE * fitted.unit:
         for candidate in others:
-            with contextlib.suppress(SimulationError, ValueError):
+            with contextlib.suppress(ImpossibleModelError):
                 fits[candidate] = searcher.adding_beside(
                     fitted, candidate, first, standing_in(fitted, first, candidate)
                 )
@@ -151,7 +151,7 @@ def from_anywhere(
         tell("refit", i / len(fits), f"{candidate.label} from anywhere")
         try:
             fits[candidate] = searcher.globally(fits[candidate].experiment)
-        except SimulationError:
+        except ImpossibleModelError:
             continue
     return again(fitted, decision, scored, searcher, tell)
 
@@ -188,7 +188,7 @@ def _decision(
     for candidate, fit in fits.items():
         try:
             refits.append(judged(fitted, candidate, fit, scored.replicas, inflation, effective))
-        except SimulationError:  # it ends where nothing was fitted: not a model of this experiment
+        except ImpossibleModelError:  # it ends where nothing was fitted: not a model of this experiment
             continue
     refits.sort(key=lambda refit: -refit.log_evidence)
     significant = _significant(refits)
@@ -227,7 +227,7 @@ def refitted(
         enough = _enough(fitted, min((fit.chi2 for fit in fits.values()), default=fitted.chi2))
         try:
             fits[candidate] = searcher.adding(fitted, candidate, likely[candidate], enough)
-        except (SimulationError, ValueError):  # this effect cannot be in this cradle
+        except ImpossibleModelError:  # this effect cannot be in this cradle
             continue
     return _alike(fitted, fits, scored, searcher, tell)
 
@@ -252,7 +252,7 @@ def _alike(
                 several = standing_in(fitted, fits[best], candidate) if candidate in looks_the_same else []
                 several += likely[candidate]
                 fits[candidate] = searcher.adding_beside(fitted, candidate, fits[best], several, enough)
-            except (SimulationError, ValueError):
+            except ImpossibleModelError:
                 continue
     return fits
 

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from cradle_env.cradle import Cradle
-from cradle_env.simulation import SimulationError
 from identification.diagnosis.selection.candidates import without_effect
 from identification.diagnosis.selection.inner_validation import FAR
 from identification.diagnosis.selection.model_comparison import log_evidence
 from identification.diagnosis.selection.search import Searcher
 from identification.inference.fit_result import Fitted
+from identification.inference.impossible_model import ImpossibleModelError
 from identification.progress import Progress
 
 #: The one effect of the models with unknowns of its own: κ, and where states are free three of each bob.
@@ -31,7 +31,7 @@ def simpler(given: Fitted, searcher: Searcher, tell: Progress) -> Fitted:
         model = without_effect(model, name)
     try:
         rigid = searcher.globally(model, tell)
-    except SimulationError:  # no cradle at all
+    except ImpossibleModelError:  # no cradle at all
         return given
     inflation, effective = min((given, rigid), key=lambda one: one.chi2).coloured
     more = len(given.point) - len(rigid.point)

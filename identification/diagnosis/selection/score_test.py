@@ -16,7 +16,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from cradle_env.effects import Effect
-from cradle_env.simulation import SimulationError
 from cradle_env.threads import in_threads
 from identification.diagnosis.residuals.residual_tests import log_tail
 from identification.diagnosis.selection.candidates import (
@@ -27,6 +26,7 @@ from identification.diagnosis.selection.candidates import (
     with_effects,
 )
 from identification.inference.fit_result import Fitted, span
+from identification.inference.impossible_model import ImpossibleModelError
 from identification.inference.likelihood import Likelihood
 from identification.inference.start_points import flat, placed
 
@@ -226,7 +226,7 @@ def _column(fitted: Fitted, candidate: Candidate, shape: dict, parameter, elemen
         values = _strong(declared, bobs, shape, [(parameter, element)], np.array([step]))
         try:
             moved = change(fitted, candidate, values)
-        except (SimulationError, ValueError):
+        except ImpossibleModelError:
             break
         size = float(np.sqrt(np.mean(moved[: fitted.count] ** 2)))
         if size == 0.0 or not np.isfinite(size):

@@ -13,12 +13,12 @@ from typing import Any
 import numpy as np
 
 from cradle_env.effects import effect, known_effects
-from cradle_env.simulation import SimulationError
 from cradle_env.threads import in_threads
 from identification.diagnosis.selection.candidates import Candidate, Values, starts, with_effects
 from identification.experiment.experiment import Experiment
 from identification.experiment.train_test import training_rows
 from identification.inference.fit_result import Fitted
+from identification.inference.impossible_model import ImpossibleModelError
 from identification.inference.least_squares import cost, refine, refined_from
 from identification.inference.likelihood import Likelihood
 from identification.inference.mode_search import early_rows, find_mode
@@ -98,7 +98,7 @@ class Searcher:
         key = fit_key("globally", experiment, seed)
 
         def find() -> np.ndarray:
-            return among_modes(likelihood, polish(likelihood, find_mode(likelihood, seed, tell).point))
+            return among_modes(likelihood, polish(likelihood, find_mode(likelihood, seed, tell)[1].point))
 
         return Fitted(likelihood, self.store.point(key, find))
 
@@ -114,7 +114,7 @@ class Searcher:
         for attempt in range(1, _ATTEMPTS):
             try:
                 found = self._search(fitted.experiment, tell, attempt)
-            except SimulationError:  # from these draws nowhere
+            except ImpossibleModelError:  # from these draws nowhere
                 continue
             agreed = abs(found.chi2 - best.chi2) < best.unit
             best = self.best(found)
@@ -159,7 +159,7 @@ class Searcher:
 
         def find() -> np.ndarray:
             if not own.parameters or len(candidate.effects) > 1:
-                return polish(likelihood, find_mode(likelihood, self.seed).point)
+                return polish(likelihood, find_mode(likelihood, self.seed)[1].point)
             origins = {**likelihood.values(likelihood.start()), **fitted.values}, {}
             several = [flat(own.name, values) for values in starts(own, fitted.cradle.bobs, _FACTORS)]
             tried = [placed(likelihood, {**origin, **values}) for values in several for origin in origins]
@@ -233,7 +233,7 @@ def best_of(
             followed = [point for point, _ in refined_from(some, followed, _FIRST)]
         reached += refined_from(likelihood, followed, _FIRST)
     if not reached:
-        raise SimulationError("none of the starting values can be simulated")
+        raise ImpossibleModelError("none of the starting values can be simulated")
     nearest = min(reached, key=lambda pair: pair[1])
     if nearest[1] > enough:
         near = polish(likelihood, nearest[0], _FEW)

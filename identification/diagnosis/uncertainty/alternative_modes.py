@@ -17,7 +17,7 @@ from cradle_env.effects import LEARNED
 from cradle_env.threads import in_threads
 from identification.diagnosis.selection.candidates import parameter_of
 from identification.diagnosis.selection.search import Keep, fit_key
-from identification.diagnosis.uncertainty.conditional_likelihood import Held, refit_others
+from identification.diagnosis.uncertainty.conditional_likelihood import ConditionalLikelihood, refit_others
 from identification.inference.fit_result import Fitted
 from identification.inference.impact_order_noise import size
 from identification.inference.laplace import mode_at
@@ -72,7 +72,7 @@ def _branches(fitted: Fitted, i: int, chance: float) -> np.ndarray:
 
     def with_widths(branch: tuple[np.ndarray, float]) -> np.ndarray:
         point, room = branch
-        there, others = Held(fitted.likelihood, i, point[i]), np.delete(point, i)
+        there, others = ConditionalLikelihood(fitted.likelihood, i, point[i]), np.delete(point, i)
         derivatives = broad_jacobian if fitted.cradle.bobs >= SEVERAL else jacobian
         covariance = mode_at(there, others, derivatives(there, others, there.residuals(others))).covariance
         widths = np.sqrt(min(room, single) * fitted.coloured[0] * np.diag(covariance))

@@ -1,4 +1,4 @@
-"""A likelihood with one unknown held, for refits of all others."""
+"""A likelihood with one unknown held at a value, for refits of all others."""
 
 from __future__ import annotations
 
@@ -8,17 +8,18 @@ from identification.inference.least_squares import bounds, refine
 from identification.inference.likelihood import Likelihood
 
 
-class Held(Likelihood):
-    """A likelihood with unknown i held at a coordinate, for least squares."""
+class ConditionalLikelihood:
+    """A likelihood with unknown i held at a coordinate, for least squares over the others."""
 
     def __init__(self, of: Likelihood, i: int, coordinate: float):
-        self.__dict__.update(of.__dict__)
+        self.experiment = of.experiment
+        #: Refits run side by side, one on each core.
         self.workers = 1
         self.unknowns = (*of.unknowns[:i], *of.unknowns[i + 1 :])
         self._of, self._place, self._coordinate = of, i, coordinate
 
     def residuals(self, point: np.ndarray) -> np.ndarray:
-        """Those of the whole."""
+        """Residuals (R + P,) at a point (D − 1,) of the other unknowns."""
         return self._of.residuals(np.insert(point, self._place, self._coordinate))
 
 
@@ -27,5 +28,5 @@ def refit_others(
 ) -> tuple[np.ndarray, float]:  # fmt: skip
     """(point (D,), χ²) near `start` (D,), with unknown i held at a coordinate."""
     inside = np.delete(np.clip(start, *bounds(likelihood)), i)
-    others, chi2 = refine(Held(likelihood, i, coordinate), inside, evaluations)
+    others, chi2 = refine(ConditionalLikelihood(likelihood, i, coordinate), inside, evaluations)
     return np.insert(others, i, coordinate), chi2

@@ -17,7 +17,6 @@ from scipy.interpolate import PchipInterpolator
 from scipy.stats import truncnorm
 
 from cradle_env.effects import Parameter
-from cradle_env.simulation import SimulationError
 from cradle_env.threads import in_threads
 from identification.diagnosis.selection.candidates import Candidate, with_effects
 from identification.diagnosis.selection.score_test import LEAST_SEEN, Score, Sensed, change
@@ -25,6 +24,7 @@ from identification.diagnosis.selection.search import Keep, at_once, fit_key
 from identification.diagnosis.uncertainty.profile_likelihood import EVALUATIONS, profile_end
 from identification.inference import impact_order_noise
 from identification.inference.fit_result import Fitted
+from identification.inference.impossible_model import ImpossibleModelError
 from identification.inference.least_squares import SEVERAL, bounds, cost, refine
 from identification.inference.likelihood import Likelihood
 from identification.inference.linear_algebra import on_one_thread
@@ -160,7 +160,7 @@ def _limit(
         limit = found if math.isnan(limit) or found * limit <= 0.0 else math.copysign(math.sqrt(found * limit), found)
         try:
             S = change(fitted, candidate, sensed.values(np.array([limit]))) / limit
-        except (SimulationError, ValueError):  # too strong for this cradle to swing
+        except ImpossibleModelError:  # too strong for this cradle to swing
             break
     return limit, S
 
@@ -186,7 +186,7 @@ def _rounds(fitted: Fitted, one: _Foretold, limit: float) -> int | None:
         held = _held(fitted, one, limit)
         point = np.clip(fitted.point + limit * one.slope, *bounds(held))
         off = held.residuals(point) - (fitted.residuals + limit * fitted.project(one.S))
-    except (SimulationError, ValueError):  # the cradle cannot swing where first order leads
+    except ImpossibleModelError:  # the cradle cannot swing where first order leads
         return _ROUGH_ROUNDS if several else 0
     if float(off @ off) <= most:
         return None

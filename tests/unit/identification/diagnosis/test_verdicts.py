@@ -35,7 +35,7 @@ def filmed(angle: float, stated: float, seed: int, noise: float | None = NOISE, 
 def measured(*runs: Run) -> Posterior:
     """With the gaps of a posterior about the mode, of which they see nothing but the best point."""
     likelihood = Likelihood(Experiment(Cradle(bobs=2, **TRUTH), runs))
-    chain = np.tile(find_mode(likelihood).point, (2, 1, 1, 1))
+    chain = np.tile(find_mode(likelihood)[1].point, (2, 1, 1, 1))
     never = Convergence(False, 2.0, 1.0, 1.0, 1, 0)
     posterior = Posterior(likelihood, chain, np.zeros(chain.shape[:3]), None, never, Gap(np.nan, np.nan))
     return dataclasses.replace(posterior, gap=measure_gap(posterior))
@@ -55,7 +55,7 @@ def test_noise_estimated_from_few_frames_hides_no_misfit(c2, misfit):
     """At 25 frames/s motion itself passes for noise; what the fit leaves of its own part says more. A gap of 1.31 with
     the drag would be 0.99 of the estimate."""
     posterior = measured(filmed(0.228, 0.228, 3, None, 25.0, c2))
-    assert posterior.likelihood.noise[0] > 1.25 * NOISE
+    assert posterior.likelihood.noise_model.scales[0] > 1.25 * NOISE
     assert posterior.gap.train == pytest.approx(1.0) and posterior.misfit == misfit
 
 

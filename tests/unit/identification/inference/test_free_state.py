@@ -53,7 +53,7 @@ def test_the_truth_lies_within_the_errors(begin, start, angle):
     run = Run(film.times[late], film.readings[late], state="free", noise=NOISE, fit_from=begin)
     cradle = Cradle(bobs=2, k_f=19500.0, kappa=187.0, b=0.0018)
     likelihood = Likelihood(Experiment(cradle, (run,)))
-    mode = find_mode(likelihood)
+    likelihood, mode = find_mode(likelihood)
     readings = 2 * int(late.sum())
     # Fitted unknowns take 13 of them; the wrong modes next to the best leave 60 or more beyond.
     assert mode.cost < readings + 3.0 * math.sqrt(2.0 * readings)

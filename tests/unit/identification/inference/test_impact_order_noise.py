@@ -85,7 +85,7 @@ def test_unknown_noise_of_several_runs_widens_nothing(tmp_path):
     start = likelihood.start()
     before = mode_at(likelihood, start, jacobian(likelihood, start, likelihood.residuals(start)))
     known, mode = learned(likelihood, before)
-    assert len(known.jumps) == 2 and np.all(np.isfinite(mode.covariance))
+    assert len(known.noise_model.impact_order) == 2 and np.all(np.isfinite(mode.covariance))
     for k in (1, 2):
         place = likelihood.names.index(f"noise@{k}")
         assert np.exp(mode.point[place]) == pytest.approx(1e-3, rel=0.1)  # of some 700 readings: 3 %

@@ -12,11 +12,12 @@ from cradle_env import Cradle, Release, simulate
 from identification.experiment.experiment import Experiment
 from identification.experiment.run import Prior, ReleaseInfo, Run
 from identification.experiment.train_test import training_rows
-from identification.inference import mode_search
+from identification.inference import least_squares as least_squares_module
 from identification.inference.calibration import calibrate
 from identification.inference.least_squares import bounds
-from identification.inference.likelihood import Jumps, Likelihood, lifted_further
+from identification.inference.likelihood import Likelihood, lifted_further
 from identification.inference.mode_search import find_mode
+from identification.inference.noise_model import ImpactOrderNoise
 from identification.inference.posterior import Posterior
 from tests.reference.laboratory import correlated_noise, record, write_experiment
 from tests.reference.soft_contact import SoftCradle, simulate_soft
@@ -50,7 +51,7 @@ def test_an_angle_error_lifts_further_or_less_far(error, angle):
 @pytest.mark.parametrize("angle_error", [-0.0012, 0.0012])
 def test_the_mode_finds_the_truth_of_an_independent_simulator(angle_error):
     likelihood = Likelihood(experiment(angle_error))
-    mode = find_mode(likelihood, seed=1)
+    likelihood, mode = find_mode(likelihood, seed=1)
     found, sd = likelihood.values(mode.point), np.sqrt(np.diag(mode.covariance))
     # Four standard deviations each: a chance of 1e-4 for an honest fit, none for one in a wrong mode of κ.
     for k, (name, value) in enumerate(TRUE.items()):
@@ -63,17 +64,19 @@ def test_a_descent_ends_where_minpack_does_with_fewer_simulations(monkeypatch):
     """Held against SciPy's MINPACK at its tightest, with derivatives by central differences."""
     likelihood, simulations = Likelihood(experiment()), []
     start = likelihood.start() + np.array([-0.3, 0.049, 0.5, 2e-3])  # κ 0.5 % off, its mode 1 % wide
-    scale = mode_search.steps(likelihood)
+    scale = least_squares_module.steps(likelihood)
     least = 2.0 * least_squares(
         likelihood.residuals, start, "3-point", method="lm", x_scale=scale, xtol=1e-12, ftol=1e-12
     ).cost  # fmt: skip
     residuals = likelihood.residuals
     monkeypatch.setattr(likelihood, "residuals", lambda z: simulations.append(z) or residuals(z), raising=False)
     counts = []
-    for foretold in (mode_search._FORETOLD, 0.0):  # 0: no step corrects derivatives
-        monkeypatch.setattr(mode_search, "_FORETOLD", foretold)
+    for foretold in (least_squares_module._FORETOLD, 0.0):  # 0: no step corrects derivatives
+        monkeypatch.setattr(least_squares_module, "_FORETOLD", foretold)
         simulations.clear()
-        assert mode_search.refine(likelihood, start, 40)[1] == pytest.approx(least, abs=2e-3)  # ends at gains of 1e-3
+        assert least_squares_module.refine(likelihood, start, 40)[1] == pytest.approx(
+            least, abs=2e-3
+        )  # ends at gains of 1e-3
         counts.append(len(simulations))
     assert counts[0] < 0.8 * counts[1], counts
 
@@ -101,7 +104,10 @@ def test_density_with_jumps_is_that_of_their_covariance():
     run, rng = likelihood.experiment.runs[0], np.random.default_rng(2)
     jumps = 5e-4 * rng.standard_normal((run.readings.size, 3))
     directions, sizes, _ = np.linalg.svd(jumps, full_matrices=False)
-    jumping, point = likelihood.with_jumps([Jumps(directions, sizes)]), likelihood.start()
+    jumping, point = (
+        likelihood.with_noise(likelihood.noise_model.with_impact_order([ImpactOrderNoise(directions, sizes)])),
+        likelihood.start(),
+    )
     residual = (likelihood.predict(point, 0, likelihood.rows[0])[0] - run.readings).ravel()
     covariance = 1e-6 * np.eye(len(residual)) + jumps @ jumps.T
     # Only a difference is defined; that to the density without jumps has no other terms.
@@ -126,7 +132,7 @@ def test_of_correlated_readings_fewer_count():
     truth[:3] = np.log([TRUE[name] for name in likelihood.names[:3]])
     assert likelihood.noise_inflations(truth) == pytest.approx([3.0], abs=1.2)
     assert Likelihood(experiment()).noise_inflations(truth) == [1.0]
-    counted = likelihood.with_inflations([3.0])
+    counted = likelihood.with_noise(likelihood.noise_model.with_inflations([3.0]))
     gained, whole = (
         some.log_density(truth)[0] - some.log_density(counted.start())[0] for some in (counted, likelihood)
     )
@@ -180,9 +186,11 @@ def test_some_of_the_parameters_are_inferred_alone(tmp_path):
     one_bob = Experiment(Cradle(bobs=1), (simulated_run(Cradle(bobs=1), duration=3.0),))
     posterior = calibrate(one_bob, ["b"], steps=50.0, max_steps=60.0)  # whole numbers, if as floats
     assert posterior.likelihood.names == ["b", "release_angle_error@1"]
-    posterior = dataclasses.replace(posterior, likelihood=posterior.likelihood.with_inflations([2.5]))
+    posterior = dataclasses.replace(
+        posterior, likelihood=posterior.likelihood.with_noise(posterior.likelihood.noise_model.with_inflations([2.5]))
+    )
     loaded = Posterior.load(posterior.save(tmp_path / "posterior.nc"))
-    assert loaded.likelihood.inflations == (2.5,)
+    assert loaded.likelihood.noise_model.inflations == (2.5,)
     assert loaded.likelihood.names == posterior.likelihood.names
     np.testing.assert_allclose(loaded.chain, posterior.chain, rtol=1e-12)
 

@@ -103,7 +103,7 @@ def test_the_early_data_lead_to_the_right_mode_in_kappa(tmp_path, seed):
     apparatus = Apparatus(next(case for case in cases([42]) if case.name == "42-quadratic_drag"))
     path = apparatus.write(tmp_path, apparatus.record([4.316e-4], True))
     likelihood = Searcher(Store(None, ""), 0, None).likelihood(with_known_noise(Experiment.load(path)))
-    mode = find_mode(likelihood, seed)
+    likelihood, mode = find_mode(likelihood, seed)
     assert likelihood.values(mode.point)["kappa"] == pytest.approx(apparatus.truth["kappa"], rel=1.5e-3)
 
 

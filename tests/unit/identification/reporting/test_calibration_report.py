@@ -137,7 +137,7 @@ def test_the_report_says_first_whether_to_trust_it(gap, converged, tmp_path):
 def test_the_report_tells_of_correlated_readings(tmp_path):
     posterior = made_up_posterior(experiment("one bob"))
     for inflation, told in ((1.0, False), (1.857, True)):
-        likelihood = posterior.likelihood.with_inflations([inflation])
+        likelihood = posterior.likelihood.with_noise(posterior.likelihood.noise_model.with_inflations([inflation]))
         result_files.save_calibration(dataclasses.replace(posterior, likelihood=likelihood), tmp_path)
         text = (tmp_path / "report.html").read_text(encoding="utf-8")
         assert ("is correlated: 1.9 of them count" in text) is told

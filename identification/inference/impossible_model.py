@@ -1,0 +1,31 @@
+"""Points of a model at which there is no cradle, no release or no motion."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable
+from typing import ParamSpec, TypeVar
+
+from cradle_env.simulation import SimulationError
+
+_P = ParamSpec("_P")
+_R = TypeVar("_R")
+
+
+class ImpossibleModelError(SimulationError):
+    """No cradle, release or motion belongs to these values of the unknowns; the message says why."""
+
+
+def raises_impossible(work: Callable[_P, _R]) -> Callable[_P, _R]:
+    """Makes refused values (ValueError) and motions that end early (SimulationError) an `ImpossibleModelError`."""
+
+    @functools.wraps(work)
+    def tried(*args: _P.args, **kwargs: _P.kwargs) -> _R:
+        try:
+            return work(*args, **kwargs)
+        except ImpossibleModelError:
+            raise
+        except (SimulationError, ValueError) as problem:
+            raise ImpossibleModelError(str(problem)) from problem
+
+    return tried

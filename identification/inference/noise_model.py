@@ -1,0 +1,107 @@
+"""How measured readings scatter about a model: their noise, its correlation in time, and impact-order noise."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from identification.experiment.experiment import Experiment
+from identification.experiment.noise import noise_of
+
+#: While the noise of a run is unknown, a search starts from this share of the readings' RMS.
+_UNKNOWN_NOISE = 0.02
+
+
+@dataclass(frozen=True, eq=False)
+class ImpactOrderNoise:
+    """Scatter of the R readings of a run beside their noise, where the order of impacts depends on differences too
+    small to measure: a model-discrepancy covariance.
+
+    sizes [rad or m], (K,): standard deviations along orthonormal directions, (R, K). See `impact_order_noise`.
+    """
+
+    directions: np.ndarray
+    sizes: np.ndarray
+
+    def whiten(self, residuals: np.ndarray, sigma: float) -> np.ndarray:
+        """Residuals over the noise sigma, (R,) or (R, M), over both kinds of noise together."""
+        shrunk = 1.0 / np.sqrt(1.0 + (self.sizes / sigma) ** 2) - 1.0
+        return residuals + (self.directions * shrunk) @ (self.directions.T @ residuals)
+
+    def log_volume(self, sigma: float) -> float:
+        """Half the logarithm of the covariance's determinant over that of white noise sigma."""
+        return 0.5 * float(np.sum(np.log1p((self.sizes / sigma) ** 2)))
+
+
+@dataclass(frozen=True, eq=False)
+class NoiseModel:
+    """The noise of each run of an experiment.
+
+    Parameters
+    ----------
+    scales : tuple of float
+        Standard deviation of one reading of each run [rad or m]: as stated, or estimated from the readings.
+    weights : tuple of float
+        What least squares divides the residuals of each run by [rad or m]: the scale, or, while the noise is unknown,
+        what a model may leave.
+    inflations : tuple of float
+        By how much correlation in time makes the noise of each run hide more of slow motion than white noise does, as
+        χ²: (1 + ρ)/(1 − ρ) for a correlation ρ of successive readings.
+    impact_order : tuple of ImpactOrderNoise
+        Of each run, or empty where the order of impacts is certain.
+    """
+
+    scales: tuple[float, ...]
+    weights: tuple[float, ...]
+    inflations: tuple[float, ...]
+    impact_order: tuple[ImpactOrderNoise, ...] = ()
+
+    @classmethod
+    def of(cls, experiment: Experiment) -> NoiseModel:
+        """White noise of each run, as stated or estimated."""
+        scales = tuple(noise_of(run) for run in experiment.runs)
+        weights = (
+            scale if run.noise is not None else max(scale, _UNKNOWN_NOISE * rms(run.readings[run.fitted]))
+            for run, scale in zip(experiment.runs, scales, strict=True)
+        )
+        return cls(scales, tuple(weights), (1.0,) * len(scales))
+
+    def with_weights(self, weights: Sequence[float]) -> NoiseModel:
+        """The same with other weights in least squares."""
+        return dataclasses.replace(self, weights=tuple(weights))
+
+    def with_inflations(self, inflations: Sequence[float]) -> NoiseModel:
+        """The same with other inflations."""
+        return dataclasses.replace(self, inflations=tuple(inflations))
+
+    def with_impact_order(self, impact_order: Sequence[ImpactOrderNoise]) -> NoiseModel:
+        """The same with other impact-order noise."""
+        return dataclasses.replace(self, impact_order=tuple(impact_order))
+
+    def whiten(self, residuals: np.ndarray, parts: Sequence[slice]) -> np.ndarray:
+        """Residuals over the weights, (R,) or (R, M), over impact-order noise as well; parts: where each run stands."""
+        if not self.impact_order:
+            return residuals
+        residuals = residuals.copy()
+        for noise, part, weight in zip(self.impact_order, parts, self.weights, strict=True):
+            residuals[part] = noise.whiten(residuals[part], weight)
+        return residuals
+
+    def log_density(self, run: int, residuals: np.ndarray, scale: float) -> float:
+        """Log density of the residuals (R,) [rad or m] of a run whose white noise is `scale`, up to a constant."""
+        residuals = residuals / scale
+        volume = len(residuals) * math.log(scale)
+        if self.impact_order:
+            residuals = self.impact_order[run].whiten(residuals, scale)
+            volume += self.impact_order[run].log_volume(scale)
+        return -(0.5 * float(np.sum(residuals**2)) + volume) / self.inflations[run]
+
+
+def rms(values: np.ndarray) -> float:
+    """Root mean square of the finite values; nan if there are none."""
+    finite = values[np.isfinite(values)]
+    return float(np.sqrt(np.mean(finite**2))) if len(finite) else math.nan
