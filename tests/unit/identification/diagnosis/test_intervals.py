@@ -7,7 +7,6 @@ from unittest import mock
 import numpy as np
 import pytest
 
-from cradle_env.simulation import SimulationError
 from identification.diagnosis.selection.candidates import with_effects
 from identification.diagnosis.selection.search import Searcher, Store, at_once
 from identification.diagnosis.uncertainty import intervals as module
@@ -16,6 +15,7 @@ from identification.diagnosis.uncertainty.intervals import intervals
 from identification.diagnosis.uncertainty.profile_likelihood import profile_end
 from identification.experiment.experiment import Experiment
 from identification.inference.fit_result import with_known_noise
+from identification.inference.impossible_model import ImpossibleModelError
 from identification.inference.start_points import flat
 from identification.inference.unknowns import Unknown
 from studies.diagnosis.rows import rows_of
@@ -152,7 +152,7 @@ class Valley:
     def residuals(self, point):
         f, mass = point
         if self.impossible and f < self.LOWEST:
-            raise SimulationError("no such frame")
+            raise ImpossibleModelError("no such frame")
         out_of_the_dip = self.rise * -math.expm1(-(((f - self.DIP) / 0.01) ** 2))
         before_the_wall = 100.0 * max(self.LOWEST - f, 0.0)
         return np.array(

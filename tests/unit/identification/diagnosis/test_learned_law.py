@@ -13,7 +13,6 @@ import pytest
 from cradle_env import Cradle, Release, effects, simulate
 from cradle_env.effects import LEARNED
 from cradle_env.model_files import read_model
-from cradle_env.simulation import SimulationError
 from identification import Experiment, diagnose
 from identification.diagnosis.figures import law_figure
 from identification.diagnosis.learned_law import law as law_module
@@ -32,6 +31,7 @@ from identification.diagnosis.stepwise import Course
 from identification.diagnosis.uncertainty.intervals import intervals
 from identification.experiment.run import Prior
 from identification.inference.fit_result import Fitted, with_known_noise
+from identification.inference.impossible_model import ImpossibleModelError
 from identification.inference.least_squares import jacobian
 from identification.inference.likelihood import Likelihood
 from identification.inference.mode_search import climb_ladder
@@ -91,7 +91,7 @@ def test_which_of_several_laws_is_taken(monkeypatch, gap_alone, choices, taken):
     def fit(chi2, unknowns):
         def held_out_gap():
             if math.isnan(chi2):
-                raise SimulationError("it flies away")
+                raise ImpossibleModelError("it flies away")
 
         return SimpleNamespace(chi2=chi2, point=np.zeros(unknowns), coloured=(1.0, 3600.0), experiment=None,
                                cradle=Cradle(bobs=1), residuals=np.full(9, gap_alone), count=9,

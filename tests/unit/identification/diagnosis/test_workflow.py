@@ -15,7 +15,6 @@ from cradle_env import Cradle, Release, effects, simulate
 from cradle_env.effects import CATALOGUE, LEARNED, effect, register
 from cradle_env.effects.elements import with_value
 from cradle_env.model_files import read_model
-from cradle_env.simulation import SimulationError
 from identification import Experiment, diagnose
 from identification.cli.app import main
 from identification.diagnosis import repair, stepwise, workflow
@@ -44,6 +43,7 @@ from identification.diagnosis.uncertainty.intervals import intervals
 from identification.experiment.run import ReleaseInfo, Run
 from identification.experiment.train_test import training_rows
 from identification.inference.fit_result import Fitted, with_known_noise
+from identification.inference.impossible_model import ImpossibleModelError
 from identification.inference.likelihood import Likelihood
 from tests.reference.laboratory import correlated_noise, record, write_experiment
 from tests.reference.soft_contact import SoftCradle
@@ -579,7 +579,7 @@ def test_the_model_without_is_looked_for_from_where_rivals_lead(monkeypatch):
 
 
 def stopped(*_):
-    raise SimulationError("the run stopped at 3 s")
+    raise ImpossibleModelError("the run stopped at 3 s")
 
 
 def test_a_model_that_cannot_swing_has_no_rivals(dragged, monkeypatch):

@@ -6,9 +6,9 @@ import math
 import numpy as np
 import pytest
 
-from cradle_env.simulation import SimulationError
 from identification.experiment.experiment import Experiment
 from identification.inference.impact_order_noise import learned, size, widened
+from identification.inference.impossible_model import ImpossibleModelError
 from identification.inference.laplace import mode_at
 from identification.inference.least_squares import jacobian
 from identification.inference.likelihood import Likelihood
@@ -36,7 +36,7 @@ class Residuals:
 
     def residuals(self, point):
         if point[0] > self.possible:
-            raise SimulationError("beyond")
+            raise ImpossibleModelError("beyond")
         return A @ point + self.jump * (1.0 if np.sin(1e9 * point[0]) > 0.0 else -1.0) * D
 
 
