@@ -88,7 +88,8 @@ def _fly(cradle, bobs, S, W, lo, hi, h):
         for c in range(DIM):
             S[i, END + c] = W[i, OUT + c]
         S[i, STEPS] += 1.0
-    S[0, FLOWN] += hi - lo
+    # A step of bobs that move together costs twice as much for each.
+    S[0, FLOWN] += hi - lo if hi - lo == 1 else 2 * (hi - lo)
     derivative(cradle, bobs, S, W, lo, hi, S[lo, T0] + h, S, END, S, RATE1)
 
 
