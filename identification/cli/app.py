@@ -114,7 +114,8 @@ def new(
     ] = None,
     unit: Annotated[
         list[str] | None,
-        typer.Option("--unit", help="s, ms or us of the times; rad, deg, m, cm, mm or more of the readings. Repeat."),
+        typer.Option("--unit", metavar="UNIT", help="s, ms, us; rad, mrad, deg; m, cm, mm, um; or as \"0.44 mm\", the"
+                     " size of a pixel. Once for the times, once for the readings."),
     ] = None,
     rate: Annotated[
         float | None, typer.Option("--rate", help="Frames per second, where a column counts frames and none is time.")
@@ -128,7 +129,7 @@ def new(
 ) -> None:  # fmt: skip
     """Write a first experiment.toml for a data file, with guesses from the data to check and correct.
 
-    Says what was understood. Where the data are not in the strict form, `t [s],theta_1 [rad],...`, a copy that is goes
+    Prints what it understood. Where the table is not in the strict form of an experiment, a copy in that form goes
     beside experiment.toml; the file itself stays as it is.
     """
     from identification.experiment.scaffold import scaffold

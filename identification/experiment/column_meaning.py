@@ -69,6 +69,39 @@ def unit_named(text: str) -> str | None:
     return _UNIT_OF.get(_plain(text).strip(" [](){}"))
 
 
+def parsed_unit(text: str) -> tuple[float, str] | None:
+    """What a unit of the user's means: so many times a unit of `TABLE_UNITS`; None if it means none.
+
+    >>> parsed_unit("0.44 mm")  # such as the size of a pixel
+    (0.44, 'mm')
+    """
+    match = re.fullmatch(r"\s*([\d.]+(?:[eE][-+]?\d+)?)?\s*(\D+)", text)
+    unit = unit_named(match[2]) if match else None
+    try:
+        factor = float(match[1] or 1.0) if match else 0.0
+    except ValueError:
+        return None
+    return (factor, unit) if unit is not None and 0.0 < factor < math.inf else None
+
+
+def quantity_of(unit: str) -> str:
+    """The quantity of a unit that `parsed_unit` knows."""
+    return QUANTITY_OF[_parsed(unit)[1]]
+
+
+def scale_of(unit: str) -> float:
+    """The SI value of a unit that `parsed_unit` knows."""
+    factor, name = _parsed(unit)
+    return factor * TABLE_UNITS[QUANTITY_OF[name]][name]
+
+
+def _parsed(unit: str) -> tuple[float, str]:
+    parsed = parsed_unit(unit)
+    if parsed is None:
+        raise ValueError(f"{unit} is no unit")
+    return parsed
+
+
 def meaning_of(label: str) -> Meaning | None:
     """What a label means; None if it is neither of time nor of a bob, as far as its words tell.
 
@@ -77,6 +110,21 @@ def meaning_of(label: str) -> Meaning | None:
     >>> meaning_of("Angle 1 (deg)")
     Meaning(quantity='theta', bob=1, unit='deg', odd_unit=None)
     """
+    return _meaning(*_parts(label))
+
+
+def unit_of(label: str) -> Meaning:
+    """What the unit of a label means, whatever its words say.
+
+    >>> unit_of("Left ball (deg)")
+    Meaning(quantity='theta', bob=None, unit='deg', odd_unit=None)
+    """
+    _, unit, odd = _parts(label)
+    return Meaning(QUANTITY_OF.get(unit or "", ""), None, unit, odd)
+
+
+def _parts(label: str) -> tuple[list[str], str | None, str | None]:
+    """Words and numbers of a label, its unit, and a unit that is not known."""
     text, unit, odd = _RUN.sub(" ", _plain(label)), None, None
     for inside in _BRACKETS.findall(text):
         if inside in _UNIT_OF:
@@ -92,7 +140,7 @@ def meaning_of(label: str) -> Meaning | None:
         if len(named) == 1:
             unit = _UNIT_OF[named[0]]
             tokens.remove(named[0])
-    return _meaning(tokens, unit, odd)
+    return tokens, unit, odd
 
 
 def same_label(a: str, b: str) -> bool:

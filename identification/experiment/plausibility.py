@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cradle_env.cradle import Cradle
-from identification.experiment.column_meaning import TABLE_UNITS
+from identification.experiment.column_meaning import TABLE_UNITS, scale_of
 from identification.experiment.recording import Recording
 from identification.experiment.table_columns import Columns, named
 from identification.storage.files import ExperimentError
@@ -25,6 +25,12 @@ _SHARE, _BAND = 0.4, 0.15
 _FINER = 8
 #: Largest angle [rad] and displacement [m] that are read; beyond, the unit is wrong.
 _FARTHEST = {"theta": 2.0 * math.pi, "x": 2.0}
+#: Units that are taken for larger ones, the likeliest first.
+_INSTEAD = {"theta": ("deg", "mrad"), "x": ("mm", "cm", "um")}
+#: Part of the length of a pendulum that it swings to at most.
+_OF_LENGTH = 1.1
+#: Times [s] that begin later, after 12 days, are those of a clock.
+_CLOCK = 1e6
 #: Readings that stay away from 0 by this part of the widest swing are counted from elsewhere.
 _AWAY = 0.3
 #: Bobs cannot pass each other: readings in which they come closer this many times as far as they part are mirrored.
@@ -84,11 +90,14 @@ def settled(recording: Recording, stated: Stated, columns: Columns) -> tuple[Rec
     Raises ExperimentError if a unit is wrong and it is for the user to say which is right.
     """
     recording, told = _with_likely_time(recording, stated, columns)
+    if recording.times[0] > _CLOCK:
+        told.append(f"times are counted from the first row, {recording.times[0]:.6f} s")
+        recording = dataclasses.replace(recording, times=recording.times - recording.times[0])
     period = swing_period(recording)
     if period is not None and not recording.absolute and _away(recording):
         recording = dataclasses.replace(recording, absolute=True)
         told.append("readings are not counted from where the bobs rest: the median of each is taken for its rest")
-    recording, of_size = _with_likely_readings(recording, stated, columns)
+    recording, of_size = _with_likely_readings(recording, stated, columns, period)
     if period is not None:
         told.append(f"a swing takes {period:.3g} s: that of a pendulum of {pendulum_length(period):.2g} m")
     return recording, [*of_size, *told]
@@ -128,7 +137,7 @@ def _with_likely_time(recording: Recording, stated: Stated, columns: Columns) ->
     if period is None or _SHORTEST <= period <= _LONGEST or columns.time_unit or columns.rate:
         return recording, []
     now = stated.time or "s"
-    of_unit = {unit: period * scale / TABLE_UNITS["t"][now] for unit, scale in TABLE_UNITS["t"].items()}
+    of_unit = {unit: period * scale / scale_of(now) for unit, scale in TABLE_UNITS["t"].items()}
     fits = [unit for unit, found in of_unit.items() if _SHORTEST <= found <= _LONGEST]
     if not fits:
         return recording, [f"no cradle swings in {period:.3g} s: check the times"]
@@ -139,34 +148,38 @@ def _with_likely_time(recording: Recording, stated: Stated, columns: Columns) ->
             f"{recording.name}: the times seem to be in {unit}, not in {now}: {swing}; add --unit {unit}, or --unit"
             f" {now} if they are right"
         )
-    times = recording.times * (TABLE_UNITS["t"][unit] / TABLE_UNITS["t"][now])
+    times = recording.times * (scale_of(unit) / scale_of(now))
     return dataclasses.replace(recording, times=times), [f"times are read in {unit}: {swing}"]
 
 
-def _with_likely_readings(recording: Recording, stated: Stated, columns: Columns) -> tuple[Recording, list[str]]:
+def _with_likely_readings(
+    recording: Recording, stated: Stated, columns: Columns, period: float | None
+) -> tuple[Recording, list[str]]:
     moved = np.abs(np.nan_to_num(recording.displacements()))
     row, bob = map(int, np.unravel_index(np.argmax(moved), moved.shape))
     largest, quantity = float(moved[row, bob]), recording.quantity
-    units, farthest = TABLE_UNITS[quantity], _FARTHEST[quantity]
-    si, likely = ("rad", "deg") if quantity == "theta" else ("m", "mm")
-    now = columns.reading_unit or stated.readings
+    now, si, farthest = columns.reading_unit or stated.readings, next(iter(TABLE_UNITS[quantity])), _FARTHEST[quantity]
+    limit = "a full turn" if quantity == "theta" else f"{farthest:g} m"
+    told = []
     if now is None and quantity == "theta" and largest > (0.5 * math.pi if moved.shape[1] > 1 else farthest):
-        readings = recording.readings * units["deg"]
-        recording = dataclasses.replace(recording, readings=readings)
-        told = f"angles are read in deg: in rad they would reach {largest:.4g}"
-        largest, now = largest * units["deg"], "deg"
+        recording = dataclasses.replace(recording, readings=recording.readings * scale_of("deg"))
+        told = [f"angles are read in deg: in rad they would reach {largest:.4g}"]
+        largest, now = largest * scale_of("deg"), "deg"
     elif now is None:
-        told = f"no unit is stated: readings are read in {si}, up to {largest:.3g}; --unit states another"
-    else:
-        told = ""
+        told = [f"no unit is stated: readings are read in {si}, up to {largest:.3g}; --unit states another"]
+        if quantity == "x" and period is not None:
+            farthest = min(farthest, _OF_LENGTH * pendulum_length(period))
+            limit = f"the pendulum of {pendulum_length(period):.2g} m that swings in {period:.3g} s"
     if largest <= farthest:
-        return recording, [told] if told else []
-    in_file = largest / units[now or si]
-    others = [unit for unit, scale in units.items() if in_file * scale <= farthest and scale < units[now or si]]
-    remedy = f"add --unit {likely if likely in others else others[0]}" if others else "check the unit"
-    if now is None and len(others) > 1:
-        remedy += f", or {', '.join(unit for unit in others if unit != likely)}"
+        return recording, told
+    now, in_file = now or si, largest / scale_of(now or si)
+    fit = [
+        unit for unit in _INSTEAD[quantity] if in_file * scale_of(unit) <= farthest and scale_of(unit) < scale_of(now)
+    ]
+    remedy = f"add --unit {' or '.join(fit)}" if fit else "check the unit"
+    if fit and quantity == "x":
+        remedy += ', or of pixels their size, as --unit "0.44 mm"'
     raise ExperimentError(
-        f"{recording.name}, line {recording.lines[row, bob]}, column {named([recording.labels[bob]])}: {in_file:.6g}"
-        f" {now or si} is beyond {'a full turn' if quantity == 'theta' else f'{farthest:g} m'}; {remedy}"
+        f"{recording.name}, line {recording.lines[row, bob]}, column {named([recording.labels[bob]])}:"
+        f" {in_file:.6g} {now} is beyond {limit}; {remedy}"
     )

@@ -71,6 +71,6 @@ def _joined(name: str, times: np.ndarray, readings: np.ndarray, rows: np.ndarray
         other = next(i for i in at if readings[i, bob] != readings[at[0], bob])
         raise ExperimentError(
             f"{name}, lines {rows[at[0]]} and {rows[other]}: both at {times[at[0]]:.9g} s, with different readings of"
-            f" bob {bob + 1}; keep one, or write the times with more digits"
+            f" bob {bob + 1}; keep one, write the times with more digits, or give each bob a column of its own"
         )
     return low

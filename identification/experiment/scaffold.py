@@ -61,7 +61,7 @@ def scaffold(
         path = path / FILE_NAME
     table = read_table(data_csv, columns)
     if path.exists() and not overwrite:
-        raise ExperimentError(f"{path}: exists already; name another file, or say that it may be overwritten")
+        raise ExperimentError(f"{path}: exists already; name another file, or have it replaced (--overwrite)")
     if np.isnan(table.recording.readings).all():
         raise ExperimentError(f"{data_csv}: holds no reading at all; each row needs a value or more")
     if not data_csv.name.isprintable():

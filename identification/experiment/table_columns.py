@@ -8,7 +8,16 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 from cradle_env.errors import check_range, one_line, unknown_key
-from identification.experiment.column_meaning import QUANTITY_OF, TABLE_UNITS, Meaning, meaning_of, same_label
+from identification.experiment.column_meaning import (
+    QUANTITY_OF,
+    TABLE_UNITS,
+    Meaning,
+    meaning_of,
+    parsed_unit,
+    quantity_of,
+    same_label,
+    unit_of,
+)
 from identification.storage.files import ExperimentError
 
 #: Columns that a message names at most, and bobs of a cradle.
@@ -20,8 +29,8 @@ class Columns:
     """What the user says of a table; all that is left out is taken from its labels.
 
     time: the label of the column of time; bobs: that of each bob's column, by its number, if given the only bobs that
-    are read; units: of the times or of the readings, whatever the file says; rate: frames per second [1/s], where a
-    column counts frames in place of a time.
+    are read; units: of the times or of the readings, whatever the file says, as "deg" or "0.44 mm" (of pixels of that
+    size); rate: frames per second [1/s], where a column counts frames in place of a time.
 
     Raises ValueError for a unit or a rate that cannot be.
     """
@@ -33,9 +42,9 @@ class Columns:
 
     def __post_init__(self) -> None:
         for unit in self.units:
-            if unit not in QUANTITY_OF:
+            if parsed_unit(unit) is None:
                 raise ValueError(unknown_key("unit", unit, QUANTITY_OF))
-        if len(self.units) > 1 and len({QUANTITY_OF[unit] == "t" for unit in self.units}) < len(self.units):
+        if len(self.units) > 1 and len({quantity_of(unit) == "t" for unit in self.units}) < len(self.units):
             raise ValueError(f"units are {' and '.join(self.units)}; give one of time and one of the readings")
         for bob in self.bobs:
             if not 1 <= bob <= _MOST_BOBS:
@@ -46,12 +55,12 @@ class Columns:
     @property
     def time_unit(self) -> str | None:
         """The unit of time that the user states."""
-        return next((unit for unit in self.units if QUANTITY_OF[unit] == "t"), None)
+        return next((unit for unit in self.units if quantity_of(unit) == "t"), None)
 
     @property
     def reading_unit(self) -> str | None:
         """The unit of readings that the user states."""
-        return next((unit for unit in self.units if QUANTITY_OF[unit] != "t"), None)
+        return next((unit for unit in self.units if quantity_of(unit) != "t"), None)
 
     @property
     def any(self) -> bool:
@@ -80,19 +89,24 @@ def assign(at: str, labels: Sequence[str], units: Sequence[str | None], columns:
 
     Raises ExperimentError if none is of time or of a bob, or if two could be.
     """
-    meanings = [meaning_of(label) for label in labels]
-    for i, unit in enumerate(units):
-        meaning = meanings[i]
-        if meaning is not None and unit is not None and meaning.unit is None:
-            fits = meaning.quantity in ("", QUANTITY_OF.get(unit))
-            quantity = meaning.quantity or QUANTITY_OF.get(unit, "")
-            meanings[i] = Meaning(quantity, meaning.bob, unit if fits else None, None if fits else unit)
-    clock, clock_unit = _clock(at, labels, meanings, columns)
-    found, quantity, notes = _bobs(at, labels, meanings, clock, columns)
+    meanings = [_with_unit(meaning_of(label), unit) for label, unit in zip(labels, units, strict=True)]
+    bare = [_with_unit(unit_of(label), unit) for label, unit in zip(labels, units, strict=True)]
+    clock, clock_unit = _clock(at, labels, meanings, bare, columns)
+    found, quantity, notes = _bobs(at, labels, meanings, bare, clock, columns)
     used = {clock, *(place for place, _ in found.values())}
     return Assigned(
         clock, clock_unit, found, quantity, tuple(i for i in range(len(labels)) if i not in used), tuple(notes)
     )
+
+
+def _with_unit(meaning: Meaning | None, unit: str | None) -> Meaning | None:
+    """The meaning with the unit of the row of units, where the label states none."""
+    if meaning is None or unit is None or meaning.unit is not None:
+        return meaning
+    quantity = QUANTITY_OF.get(unit, "")
+    if quantity and meaning.quantity in ("", quantity):
+        return dataclasses.replace(meaning, quantity=quantity, unit=unit)
+    return dataclasses.replace(meaning, odd_unit=unit)
 
 
 def place_of(at: str, labels: Sequence[str], name: str) -> int:
@@ -115,24 +129,32 @@ def named(labels: Sequence[str]) -> str:
 
 
 def _clock(
-    at: str, labels: Sequence[str], meanings: Sequence[Meaning | None], columns: Columns
+    at: str,
+    labels: Sequence[str],
+    meanings: Sequence[Meaning | None],
+    bare: Sequence[Meaning | None],
+    columns: Columns,
 ) -> tuple[int, str | None]:
     if columns.time is not None:
         place = place_of(at, labels, columns.time)
-        meaning = meanings[place]
         if columns.rate is not None:
             return place, "frame"
-        stated = None if meaning is None or meaning.quantity != "t" else meaning.unit
-        return place, columns.time_unit or stated
+        meaning = meanings[place] or bare[place]
+        return place, columns.time_unit or (meaning.unit if meaning and meaning.quantity == "t" else None)
     by_kind = {kind: [i for i, m in enumerate(meanings) if m and m.quantity == kind] for kind in ("t", "frame")}
-    if columns.rate is not None and by_kind["frame"]:
+    if columns.rate is not None:
+        if not by_kind["frame"]:
+            raise ExperimentError(f'{at}: no column of frames among {named(labels)}; say which it is: --time "NAME"')
         return by_kind["frame"][0], "frame"
     times = by_kind["t"]
     if not times and by_kind["frame"]:
         frames = named([labels[by_kind["frame"][0]]])
         raise ExperimentError(f"{at}: no column of time, only {frames}; add --rate FRAMES_PER_SECOND")
     if not times:
-        raise ExperimentError(f'{at}: no column of time among {named(labels)}; say which it is: --time "NAME"')
+        none_of, names = "of time", '--time "NAME"'
+        if not columns.bobs and not any(m and m.quantity not in by_kind for m in meanings):
+            none_of, names = "of time or of a bob", '--time "NAME" --bob 1="NAME" --bob 2="NAME"'
+        raise ExperimentError(f"{at}: no column {none_of} among {named(labels)}; say which it is: {names}")
     if len(times) > 1:
         both = named([labels[i] for i in times])
         raise ExperimentError(f'{at}: {both} are columns of time; say which to read: --time "NAME"')
@@ -145,12 +167,19 @@ def _clock(
 
 def _odd(at: str, label: str, unit: str, quantities: Sequence[str]) -> str:
     known = [known for quantity in quantities for known in TABLE_UNITS[quantity]]
-    remedy = "a pixel's size in m turns them into lengths" if unit in ("px", "pixel", "pixels") else "say it"
-    return f"{at}, column {named([label])}: unknown unit {one_line(unit)}; {remedy}: --unit {' or '.join(known)}"
+    remedy = f"say it: --unit {' or '.join(known)}"
+    if unit in ("px", "pixel", "pixels"):
+        remedy = 'say how large one is, as --unit "0.44 mm"'
+    return f"{at}, column {named([label])}: unknown unit {one_line(unit)}; {remedy}"
 
 
 def _bobs(
-    at: str, labels: Sequence[str], meanings: Sequence[Meaning | None], clock: int, columns: Columns
+    at: str,
+    labels: Sequence[str],
+    meanings: Sequence[Meaning | None],
+    bare: Sequence[Meaning | None],
+    clock: int,
+    columns: Columns,
 ) -> tuple[dict[int, tuple[int, str | None]], str, list[str]]:
     """{number: (place, unit)}, the quantity, and what else was understood."""
     stated = columns.reading_unit
@@ -159,15 +188,17 @@ def _bobs(
         places = {bob: place_of(at, labels, name) for bob, name in columns.bobs.items()}
         if len({clock, *places.values()}) <= len(places):
             raise ExperimentError(f"{at}: a column is named twice among --time and --bob; name each once")
-        chosen = [dataclasses.replace(meanings[i] or Meaning(""), bob=bob) for bob, i in places.items()]
+        chosen = [dataclasses.replace(meanings[i] or bare[i] or Meaning(""), bob=bob) for bob, i in places.items()]
         candidates = list(zip(places.values(), chosen, strict=True))
     else:
         candidates = [(i, m) for i, m in enumerate(meanings) if i != clock and m and m.quantity not in ("t", "frame")]
+        if any(m.quantity for _, m in candidates):  # then what says no quantity is something else, as a mass
+            candidates = [(i, m) for i, m in candidates if m.quantity]
     if not candidates:
         raise ExperimentError(
             f'{at}: no column of a bob among {named(labels)}; say which they are: --bob 1="NAME" --bob 2="NAME"'
         )
-    quantity = QUANTITY_OF[stated] if stated else _quantity(at, labels, candidates)
+    quantity = quantity_of(stated) if stated else _quantity(at, labels, candidates)
     others = [i for i, m in candidates if m.quantity not in ("", quantity)]
     if columns.bobs and others and not stated:
         raise ExperimentError(
@@ -195,7 +226,13 @@ def _bobs(
                 ' say which it is: --bob 1="NAME"'
             )
         found[m.bob] = i, stated or m.unit
-    return found, quantity, notes
+    units = {unit for _, unit in found.values() if unit}
+    without = [labels[i] for i, unit in found.values() if unit is None]
+    if len(units) > 1 and without:
+        raise ExperimentError(
+            f"{at}: {named(without)} without a unit, and others in {' and in '.join(sorted(units))}; add it"
+        )
+    return {bob: (i, unit or next(iter(units), None)) for bob, (i, unit) in found.items()}, quantity, notes
 
 
 def _quantity(at: str, labels: Sequence[str], candidates: Sequence[tuple[int, Meaning]]) -> str:
@@ -204,7 +241,7 @@ def _quantity(at: str, labels: Sequence[str], candidates: Sequence[tuple[int, Me
     if not count["theta"] and not count["x"]:
         raise ExperimentError(
             f"{at}, column {named([labels[candidates[0][0]]])}: angle or displacement? say its unit:"
-            f" --unit {' or '.join(unit for unit, quantity in QUANTITY_OF.items() if quantity != 't')}"
+            " --unit deg, rad, mm, cm or m"
         )
     return "theta" if count["theta"] >= count["x"] else "x"
 

@@ -16,7 +16,7 @@ from pathlib import Path
 
 import numpy as np
 
-from identification.experiment.column_meaning import TABLE_UNITS, meaning_of, same_label, unit_named
+from identification.experiment.column_meaning import meaning_of, same_label, scale_of, unit_named
 from identification.experiment.csv_file import parse_recording
 from identification.experiment.plausibility import Stated, settled
 from identification.experiment.recording import UNITS, Recording, is_content
@@ -88,10 +88,7 @@ def read_table(path: Path, columns: Columns | None = None) -> Table:
 
 
 def mirrored(recording: Recording) -> Recording:
-    """The recording seen from the other side: all signs are turned.
-
-    >>> mirrored(mirrored(recording)).readings == recording.readings  # doctest: +SKIP
-    """
+    """The recording seen from the other side: the signs of all readings are turned."""
     return dataclasses.replace(recording, readings=-recording.readings)
 
 
@@ -105,9 +102,8 @@ def _read(name: str, lines: list[str], data: bytes, columns: Columns) -> tuple[R
         assert columns.rate is not None
         times = numbers[:, 0] / columns.rate
     else:
-        times = numbers[:, 0] * TABLE_UNITS["t"][used.clock_unit or "s"]
-    default = next(iter(TABLE_UNITS[used.quantity]))
-    scales = [TABLE_UNITS[used.quantity][unit or default] for _, unit in used.bobs.values()]
+        times = numbers[:, 0] * scale_of(used.clock_unit or "s")
+    scales = [scale_of(unit) if unit else 1.0 for _, unit in used.bobs.values()]
     times, values, rows, sorting = ordered(name, times, numbers[:, 1:] * scales, rows)
     readings = np.full((len(times), max(used.bobs)), np.nan)
     labels = [""] * readings.shape[1]
@@ -261,6 +257,9 @@ def _told(header: _Header) -> list[str]:
         found.append(f"{used.quantity}_{bob} {f'[{unit}] ' if unit else ''}is {named([labels[place]])}")
     if len(found) > _SHOWN:
         found[_SHOWN - 2 : -1] = ["..."]
+    unseen = [str(bob) for bob in range(1, max(used.bobs)) if bob not in used.bobs]
+    if unseen:
+        found.append(f"no column of bob {', '.join(unseen)}")
     if used.ignored and any(labels[i] for i in used.ignored):
         found.append(f"ignored: {named([labels[i] for i in used.ignored])}")
     if header.line:

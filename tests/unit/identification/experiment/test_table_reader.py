@@ -98,8 +98,20 @@ READ = {
         "Time (s),Angle  1 (deg),ANGLE 2 (deg)\n" + DEG_ROWS,
         {"time": "time (s)", "bobs": {1: "angle 1 (deg)", 2: "Angle 2 (deg)"}}, ["theta_1 [deg]"],
     ),
+    "mapped with units": (
+        "Clock (ms),Left (deg),Right (deg)\n" + rows([0.0, 500.0, 1000.0], DEG),
+        {"time": "Clock (ms)", "bobs": {1: "Left (deg)", 2: "Right (deg)"}}, ["t [ms] is", 'theta_2 [deg] is "Right'],
+    ),
+    "mapped with units below": (
+        "Clock,Left,Right\nms,deg,deg\n" + rows([0.0, 500.0, 1000.0], DEG),
+        {"time": "Clock", "bobs": {1: "Left", 2: "Right"}}, ["t [ms] is", 'theta_2 [deg] is "Right'],
+    ),
+    "a unit for all": ("t,angle 1 [deg],angle 2\n" + DEG_ROWS, {}, ['theta_2 [deg] is "angle 2"']),
     "no quantity": ("time,ball 1,ball 2\n" + DEG_ROWS, {"units": ("deg",)}, ['theta_1 [deg] is "ball 1"']),
     "another unit than stated": ("t,theta_1 [rad],theta_2 [rad]\n" + DEG_ROWS, {"units": ("deg",)}, ["theta_1 [deg]"]),
+    "masses": (
+        "t,theta_1,theta_2,mass,ball\n" + rows(T, [[*row, 0.28, 1.0] for row in RAD]), {}, ['ignored: "mass", "ball"'],
+    ),
     "missing words": ("t,theta_1,theta_2\n0,0,0.2\n0.5,-0.1,0.1\n1,0.05,-0.05\n2,NA,-\n", {}, []),
     "minus signs": ("t,theta_1,theta_2\n" + RAD_ROWS.replace("-", "\u2212"), {}, []),
 }  # fmt: skip
@@ -133,6 +145,12 @@ def test_displacements_are_read_in_their_unit(tmp_path):
         assert recording.readings == pytest.approx(scale * np.array([[0.0, 0.2], [0.1, 0.1]]))
 
 
+def test_a_unit_may_be_the_size_of_a_pixel(tmp_path):
+    table = read(tmp_path, "t,x_1 (px),x_3 (px)\n0,0,100\n1,-50,0\n", units=("0.5 mm",))
+    assert table.recording.readings[:, [0, 2]] == pytest.approx(np.array([[0.0, 0.05], [-0.025, 0.0]]))
+    assert 'x_1 [0.5 mm] is "x_1 (px)"' in table.understood and "no column of bob 2" in table.understood
+
+
 def test_where_readings_stand_survives_sorting(tmp_path):
     recording = read(tmp_path, "t,theta_1\n\n0.2,0.3\n# a comment\n0.1,0.2\n").recording
     assert recording.lines.tolist() == [[5], [3]]
@@ -142,16 +160,20 @@ REFUSED = {
     "no header": ("0.0,0.1\n0.1,0.2\n", {}, ["line 1", "'0.0'", "header line"]),
     "empty": ("", {}, ["line 1: empty"]),
     "header only": ("time,angle1\n", {}, ["line 2", "no rows"]),
-    "no time": ("when,angle1\n0,1\n", {}, ["no column of time", '"when"', "--time"]),
+    "no time": ("when,angle1\n0,1\n", {}, ["no column of time among", '"when"', "--time"]),
+    "neither": ("Clock,Left\n0,1\n", {}, ["no column of time or of a bob", '"Clock", "Left"', "--time", "--bob 1="]),
+    "no frames": ("t,theta_1\n0,1\n", {"rate": 60.0}, ["no column of frames"]),
     "two times": ("time,t,angle1\n0,0,1\n", {}, ['"time", "t"', "--time"]),
     "no bob": ("time,left\n0,1\n", {}, ["no column of a bob", '"left"', '--bob 1="NAME"']),
     "two of a bob": ("t,theta_1,angle 1\n0,0,1\n", {}, ['"theta_1", "angle 1" are both of bob 1', "--bob 1="]),
     "no number": ("t,angle left,theta,phi\n0,0,1,2\n", {}, ['"theta", "phi" do not say of which bob', "--bob"]),
-    "no quantity": ("time,ball 1\n0,1\n", {}, ["angle or displacement?", "--unit rad"]),
+    "no quantity": ("time,ball 1\n0,1\n", {}, ["angle or displacement?", "--unit deg, rad, mm, cm or m"]),
     "unknown unit": ("t,theta_1 [gon]\n0,1\n", {}, ['"theta_1 [gon]"', "'gon'", "--unit rad or mrad or deg"]),
     "unit of another quantity": ("t,theta_1 [mm]\n0,1\n", {}, ["'mm'", "--unit rad"]),
     "unit of a time": ("t [h],theta_1\n0,1\n", {}, ["'h'", "--unit s or ms"]),
-    "pixels": ("t,x_1 (px)\n0,1\n", {}, ["'px'", "a pixel's size"]),
+    "units for some": ("t,angle 1,angle 2 [deg],angle 3 [mrad]\n0,1,1,1\n", {}, ['"angle 1" without a unit']),
+    "rows of bobs": ("t,particle,x\n0,1,0.1\n0,2,0.2\n", {}, ["lines 2 and 3", "a column of its own"]),
+    "pixels": ("t,x_1 (px)\n0,1\n", {}, ["'px'", '--unit "0.44 mm"']),
     "frames": ("frame,theta_1\n0,1\n", {}, ["no column of time, only", "--rate"]),
     "mapped to none": ("time,left\n0,1\n", {"bobs": {1: "lft"}}, ["'lft'", "did you mean 'left'"]),
     "mapped to two": ("time,left,left\n0,1,2\n", {"bobs": {1: "left"}}, ["2 columns are called 'left'"]),
@@ -177,7 +199,7 @@ REFUSED = {
     "binary": (b"t,theta_1\n\x00\x01\x02", {}, ["not a text file"]),
     "stated rad": ("t,theta_1 [rad]\n0,13\n1,-12\n", {}, ["line 2", "13 rad is beyond a full turn", "--unit deg"]),
     "stated m": ("t,x_1 [m]\n0,13\n1,-12\n", {}, ["line 2", "13 m is beyond 2 m", "--unit mm"]),
-    "no unit of x": ("t,x_1\n0,13\n1,-12\n", {}, ["13 m", "--unit mm, or cm"]),
+    "no unit of x": ("t,x_1\n0,13\n1,-12\n", {}, ["13 m", "--unit mm or cm"]),
     "far in any unit": ("t,theta_1\n0,13000\n1,-12\n", {}, ["13000 deg is beyond a full turn", "check the unit"]),
 }  # fmt: skip
 
@@ -300,6 +322,26 @@ def test_the_swing_tells_the_unit_of_time(tmp_path, header, scale, unit):
         assert any(f"times are read in {unit}: in s a swing would take" in line for line in table.understood)
     assert table.recording.times == pytest.approx(t)
     assert "a swing takes 1.1 s: that of a pendulum of 0.3 m" in table.understood
+
+
+@pytest.mark.parametrize("scale", [1.0, 1e3])
+def test_the_time_of_a_clock_is_counted_from_the_first_row(tmp_path, scale):
+    t, theta = swings()
+    clock = scale * (1732543200.0 + t)
+    table = read(tmp_path, "timestamp,theta_1,theta_2\n" + rows(clock.tolist(), theta.tolist()))
+    assert table.recording.times == pytest.approx(t, abs=1e-6)
+    assert any("counted from the first row, 1732543200.0" in line for line in table.understood)
+    assert not table.strict
+
+
+def test_bobs_swing_no_farther_than_their_pendulum_is_long(tmp_path):
+    """At 1.1 s, 0.3 m: 0.6 without a unit is no displacement in m, and 0.2 may be one."""
+    t, theta = swings()
+    with pytest.raises(
+        ExperimentError, match=r"beyond the pendulum of 0.3 m that swings in 1.1 s; add --unit mm or cm"
+    ):
+        read(tmp_path, "t,x1,x2\n" + rows(t.tolist(), (3.0 * theta).tolist()))
+    assert read(tmp_path, "t,x1,x2\n" + rows(t.tolist(), theta.tolist())).recording.quantity == "x"
 
 
 def test_a_unit_that_the_user_states_stays(tmp_path):
