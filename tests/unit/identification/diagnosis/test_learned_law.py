@@ -141,6 +141,7 @@ def test_terms_that_the_rest_does_without_go(monkeypatch, left, gap, kept):
     assert found.terms == terms[kept]
 
 
+@pytest.mark.slow
 def test_a_kink_in_the_strings_is_learned_as_a_pull_along_them(tmp_path):
     """A tension that is 4 % larger about one angle: some 0.1 N there."""
     kink = {"string_kink": {"stiffening": 0.04, "angle": 0.08, "width": 0.05}}

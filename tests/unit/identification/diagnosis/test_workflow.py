@@ -117,6 +117,7 @@ def test_what_was_held_out_refutes_a_wrong_model_near_the_noise(diagnosed):
     assert not refuted(far)  # type: ignore[arg-type]
 
 
+@pytest.mark.slow
 def test_names_that_predict_worse_than_right_ones_are_withdrawn(dragged, monkeypatch):
     """The tracker lost its zero by 5 mrad after the training part: no effect of a cradle does that."""
     experiment = with_known_noise(Experiment.load(dragged))
@@ -482,6 +483,7 @@ def test_replicates_look_like_what_a_right_model_leaves(plain):
     assert np.mean(chance < 0.05) == pytest.approx(0.05, abs=0.04)
 
 
+@pytest.mark.slow
 def test_correlated_noise_is_nothing_that_is_missing(plain):
     """p of a right model is uniform, whatever the noise: of 12, more than three below 0.05 in one of 400 such tests.
     Against white noise, most are."""
