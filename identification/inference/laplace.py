@@ -4,11 +4,30 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 
-from identification.inference.likelihood import Likelihood
-from identification.inference.noise_model import rms
+from identification.inference.least_squares import Misfit
+from identification.inference.noise_model import NoiseModel, rms
+
+
+class NoisyMisfit(Misfit, Protocol):
+    """What has a mode: a likelihood, or one with an unknown held."""
+
+    @property
+    def noise_model(self) -> NoiseModel:
+        """The noise of each run."""
+        ...
+
+    @property
+    def names(self) -> list[str]:
+        """Names of the unknowns, (D,)."""
+        ...
+
+    def parts(self) -> list[slice]:
+        """Where the residuals of each run lie."""
+        ...
 
 
 @dataclass(frozen=True)
@@ -20,7 +39,7 @@ class Mode:
     cost: float
 
 
-def mode_at(likelihood: Likelihood, point: np.ndarray, J: np.ndarray) -> Mode:
+def mode_at(likelihood: NoisyMisfit, point: np.ndarray, J: np.ndarray) -> Mode:
     """The mode at a point, with its covariance, from derivatives J of the residuals (R, D); unknown noise goes to the
     RMS of the residuals that are left."""
     residuals, parts = likelihood.residuals(point), likelihood.parts()

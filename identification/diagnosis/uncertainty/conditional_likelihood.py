@@ -6,6 +6,7 @@ import numpy as np
 
 from identification.inference.least_squares import bounds, refine
 from identification.inference.likelihood import Likelihood
+from identification.inference.noise_model import NoiseModel
 
 
 class ConditionalLikelihood:
@@ -14,9 +15,23 @@ class ConditionalLikelihood:
     def __init__(self, of: Likelihood, i: int, coordinate: float):
         self.experiment = of.experiment
         #: Refits run side by side, one on each core.
-        self.workers = 1
+        self.workers: int | None = 1
         self.unknowns = (*of.unknowns[:i], *of.unknowns[i + 1 :])
         self._of, self._place, self._coordinate = of, i, coordinate
+
+    @property
+    def noise_model(self) -> NoiseModel:
+        """The noise of each run."""
+        return self._of.noise_model
+
+    @property
+    def names(self) -> list[str]:
+        """Names of the other unknowns, (D − 1,)."""
+        return [u.name for u in self.unknowns]
+
+    def parts(self) -> list[slice]:
+        """Where the residuals of each run lie."""
+        return self._of.parts()
 
     def residuals(self, point: np.ndarray) -> np.ndarray:
         """Residuals (R + P,) at a point (D − 1,) of the other unknowns."""

@@ -16,6 +16,7 @@ from identification.diagnosis.uncertainty.profile_likelihood import profile_end
 from identification.experiment.experiment import Experiment
 from identification.inference.fit_result import with_known_noise
 from identification.inference.impossible_model import ImpossibleModelError
+from identification.inference.noise_model import NoiseModel
 from identification.inference.start_points import flat
 from identification.inference.unknowns import Unknown
 from studies.diagnosis.rows import rows_of
@@ -147,7 +148,10 @@ class Valley:
                 ("frame_mass", "kg", 5.0, 1e-4, 1e4),
             )
         )
-        self.names, self.rows = [u.name for u in self.unknowns], [np.ones(3, bool)]
+        self.names, self.noise_model = [u.name for u in self.unknowns], NoiseModel((1.0,), (1.0,), (1.0,))
+
+    def parts(self):
+        return [slice(0, 3)]
 
     def residuals(self, point):
         f, mass = point

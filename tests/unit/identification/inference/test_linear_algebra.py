@@ -34,8 +34,11 @@ def test_linear_algebra_runs_on_one_thread_while_something_is_inferred(experimen
         assert threads() == {3}  # and does so no longer afterwards
 
 
-@pytest.mark.parametrize("module", [intervals, detection_limits])
-def test_so_it_does_while_a_report_is_made(experiment, module, monkeypatch):
+@pytest.mark.parametrize(
+    ("module", "compute"),
+    [(intervals, intervals.intervals), (detection_limits, lambda fitted: detection_limits.unseen(fitted, []))],
+)
+def test_so_it_does_while_a_report_is_made(experiment, module, compute, monkeypatch):
     def in_threads(*_):
         assert threads() == {1}
         raise InterruptedError
@@ -43,4 +46,4 @@ def test_so_it_does_while_a_report_is_made(experiment, module, monkeypatch):
     fitted = Searcher(Store(None, ""), 0, None).nearby(with_known_noise(experiment), {})
     monkeypatch.setattr(module, "in_threads", in_threads)
     with threadpool_limits(3, user_api="blas"), pytest.raises(InterruptedError):
-        getattr(module, module.__name__.rpartition(".")[2])(fitted, *([[]] if module is detection_limits else []))
+        compute(fitted)
