@@ -148,6 +148,7 @@ def test_the_right_unit_is_not_refused(tmp_path, good):
         assert check_readings(Experiment.load(write_experiment(tmp_path / unit, [good], unit=unit))) == ()
 
 
+@pytest.mark.slow
 def test_one_bob_hidden_for_a_while(tmp_path, good, capsys, small_grid):
     path = write_experiment(tmp_path, [lose_track(good, 1, 4.0, 7.0)], stated=STATED)
     assert main(["diagnose", str(path), "--out", str(tmp_path), "--workers", "1"]) == 0
@@ -159,7 +160,7 @@ def test_one_bob_hidden_for_a_while(tmp_path, good, capsys, small_grid):
     assert warning in (tmp_path / "report.html").read_text(encoding="utf-8")
 
 
-@pytest.mark.parametrize("size", [0.01, -0.05])
+@pytest.mark.parametrize("size", [0.01, pytest.param(-0.05, marks=pytest.mark.slow)])
 def test_a_tracker_that_slips(tmp_path, good, size):
     """Ten and fifty times the noise, from the middle of the run on."""
     message = slips(tmp_path, tracking_jump(good, 2, size, 9.0))

@@ -131,6 +131,7 @@ def test_what_is_hardly_noise_is_looked_at_again(monkeypatch, p, steps, looked):
     assert bool(tried) == bool(so_far.decisions) == looked
 
 
+@pytest.mark.slow
 def test_lengths_that_first_order_hardly_foretells_are_found(tmp_path):
     """21-length_mismatch of the study, two bobs: of the 31 of χ² that lengths gain, first order foretells 13, no more
     than noise may leave. A creeping string does as well."""

@@ -56,6 +56,7 @@ def test_limits_are_those_of_fits(plain, name):
     assert 1.9 < left_at_the_limit(plain, name) < 12.0
 
 
+@pytest.mark.slow
 def test_limits_of_three_bobs_are_followed_too(tmp_path):
     """To first order, dry friction would leave 25 at its limit."""
     assert 1.9 < left_at_the_limit(examined(tmp_path, {}, bobs=3, noise=5e-3), "pivot_friction") < 12.0
