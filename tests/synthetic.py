@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 
 from cradle_env import Cradle, Release, simulate
-from identification.diagnosis.selection.search import Searcher, Store
+from identification.diagnosis.selection.search import FitCache, Searcher
 from identification.experiment.experiment import Experiment
 from identification.experiment.run import ReleaseInfo, Run
 from identification.inference.convergence import Convergence
@@ -90,7 +90,7 @@ def nothing_hidden(folder: Path, name: str) -> tuple[Fitted, np.ndarray]:
     apparatus = early_case(name)
     folder.mkdir(exist_ok=True)
     experiment = Experiment.load(apparatus.write(folder, apparatus.record([], True)))
-    searcher = Searcher(Store(None, ""), 0, None)
-    found = searcher.on_everything(searcher.globally(with_known_noise(experiment)))
+    searcher = Searcher(FitCache(None, ""), 0, None)
+    found = searcher.fit_all_data(searcher.fit_global(with_known_noise(experiment)))
     truth = {**apparatus.truth, "release_angle_error@1": apparatus.angle - apparatus.lifted}
     return found, placed(found.likelihood, truth)

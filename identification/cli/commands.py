@@ -218,7 +218,7 @@ def calibrate(
 @holds_out
 def diagnose(path: Path, out: Path, seed: int, workers: int | None) -> None:
     """Diagnoses an experiment and writes what was found."""
-    from identification.diagnosis.report import check_folder, save, sentence
+    from identification.diagnosis.report import check_folder, save, verdict_sentence
     from identification.diagnosis.workflow import diagnose as run
 
     check_report(out, "diagnose")
@@ -236,7 +236,7 @@ def diagnose(path: Path, out: Path, seed: int, workers: int | None) -> None:
         print_table(("effect", "parameters (95 %)", "gap before", "gap after"), rows)
     for warning in content["warnings"]:
         print(f"cradle: {warning}", file=sys.stderr)
-    print(f"{content['verdict']}: {sentence(content)}")
+    print(f"{content['verdict']}: {verdict_sentence(content)}")
     if diagnosis.advice is not None:
         print(advised(diagnosis.advice))
     print(f"report: {out / 'report.html'}")
@@ -244,12 +244,12 @@ def diagnose(path: Path, out: Path, seed: int, workers: int | None) -> None:
 
 def advised(advice: Advice) -> str:
     """The next experiment in a line."""
-    from identification.diagnosis.next_experiment.run_grid import described as described_run
+    from identification.diagnosis.next_experiment.run_grid import describe_run
 
-    if advice.in_vain:
-        return advice.instead
+    if advice.separates_none:
+        return advice.alternative
     plan = advice.plans[0]
-    return f"next experiment: {described_run(plan.setting, plan.duration)}. {advice.instead}".rstrip()
+    return f"next experiment: {describe_run(plan.setting, plan.duration)}. {advice.alternative}".rstrip()
 
 
 @holds_out
@@ -258,8 +258,13 @@ def design(
 ) -> None:
     """Designs the next experiment and writes it."""
     from identification.diagnosis.next_experiment.design import design as run
-    from identification.diagnosis.next_experiment.design_report import check_folder, save, sentence, shown
-    from identification.diagnosis.next_experiment.run_grid import described as described_run
+    from identification.diagnosis.next_experiment.design_report import (
+        advice_sentence,
+        check_folder,
+        format_information,
+        save,
+    )
+    from identification.diagnosis.next_experiment.run_grid import describe_run
 
     check_folder(out)
     experiment = Experiment.load(path)
@@ -271,11 +276,15 @@ def design(
         save(designed, out)
     column = "log Bayes factor" if designed.sets else "ln of the gain in λ"
     rows = [
-        (described_run(plan.setting, plan.duration), number(plan.predicted), *([shown(plan)] if designed.sets else []))
+        (
+            describe_run(plan.setting, plan.duration),
+            number(plan.predicted),
+            *([format_information(plan)] if designed.sets else []),
+        )
         for plan in designed.advice.plans[:5]
     ]
     print_table(("run", f"{column}, first order", *(["simulated"] if designed.sets else [])), rows)
-    print(sentence(designed))
+    print(advice_sentence(designed))
     print(f"report: {out / 'report.html'}")
 
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from cradle_env import display
 from cradle_env.effects import effect
-from identification.diagnosis.figures import comparison_figure, in_windows, map_figure
+from identification.diagnosis.figures import comparison_figure, map_figure, window_tests
 from identification.number_format import ratio
 
 if TYPE_CHECKING:
@@ -46,7 +46,7 @@ def page(diagnosis: Diagnosis) -> str:
         gaps = ratio(step.before.held_out_gap()), ratio(step.after.held_out_gap())
         rows.append((step.effect, ", ".join(known), f"{step.probability:.3f}", *gaps))
     first = diagnosis.repaired.examined[0]
-    if in_windows(first):
+    if window_tests(first):
         figure, description = map_figure(first), "Where the model as given and the data part, by bob and time"
     else:
         figure, description = comparison_figure(diagnosis), "Readings and residuals, before and after"

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from cradle_env.plot_style import BLUE, GREEN, GREY, ORANGE, RED, quiet_grid, styled
-from identification.diagnosis.learned_law.law_shape import Shape
-from identification.diagnosis.residuals.residual_tests import Place
-from identification.diagnosis.stepwise import Examined
+from identification.diagnosis.learned_law.law_shape import LawShape
+from identification.diagnosis.residuals.residual_tests import ResidualTest
+from identification.diagnosis.stepwise import ExaminedModel
 from identification.experiment.train_test import training_rows
 from identification.inference.fit_result import Fitted
 from identification.number_format import literal
@@ -26,41 +26,42 @@ _MOST_BOBS, _CLOSE_UP = 5, 4.0
 _ACROSS = 3
 
 
-def in_windows(examined: Examined) -> list[tuple[Place, float]]:
+def window_tests(examined: ExaminedModel) -> list[tuple[ResidualTest, float]]:
     """The places of single bobs in a window, in flight and near impacts, and the surprise of each; [] where readings
     are too few for any."""
+    scan = examined.residual_scan
     return [
-        (place, value) for place, value in zip(examined.located.places, examined.located.statistic, strict=True)
-        if place.bob >= 0 and place.phase in ("flight", "impact")
+        (test, value) for test, value in zip(scan.tests, scan.neg_log10_p, strict=True)
+        if test.bob >= 0 and test.phase in ("flight", "impact")
     ]  # fmt: skip
 
 
 @styled
-def map_figure(examined: Examined) -> Figure:
+def map_figure(examined: ExaminedModel) -> Figure:
     """Surprise of every window of every bob, in flight and near impacts, where there are any."""
     from matplotlib.colors import SymLogNorm
     from matplotlib.figure import Figure
 
-    places = in_windows(examined)
-    runs = sorted({place.run for place, _ in places})
-    bobs = sorted({place.bob for place, _ in places})
+    tests = window_tests(examined)
+    runs = sorted({test.run for test, _ in tests})
+    bobs = sorted({test.bob for test, _ in tests})
     figure = Figure(figsize=(9.0, 0.9 + len(runs) * (0.7 + 0.42 * len(bobs))), layout="constrained")
-    limit = float(np.quantile(examined.located.replicas, 0.95))
-    most = max(2.0 * limit, float(np.quantile([v for _, v in places], 0.98)))
+    limit = float(np.quantile(examined.residual_scan.replicate_maxima, 0.95))
+    most = max(2.0 * limit, float(np.quantile([v for _, v in tests], 0.98)))
     scale = SymLogNorm(2.0 * limit, vmin=0.0, vmax=most)
     grid = figure.subplots(len(runs), 1, squeeze=False)[:, 0]
     image = None
     for axes, k in zip(grid, runs, strict=True):
         labels = []
         for row, (bob, phase) in enumerate((bob, phase) for bob in bobs for phase in ("flight", "impact")):
-            own = [(p, v) for p, v in places if p.run == k and p.bob == bob and p.phase == phase]
-            for place, value in own:
+            own = [(p, v) for p, v in tests if p.run == k and p.bob == bob and p.phase == phase]
+            for test, value in own:
                 image = axes.pcolormesh(
-                    np.array(place.interval), np.array([row - 0.46, row + 0.46]), np.array([[value]]),
+                    np.array(test.interval), np.array([row - 0.46, row + 0.46]), np.array([[value]]),
                     norm=scale, cmap="Greys",
                 )  # fmt: skip
                 if value > limit:
-                    centre = 0.5 * sum(place.interval)
+                    centre = 0.5 * sum(test.interval)
                     axes.plot(centre, row, marker="o", markersize=3.0, color=ORANGE, linestyle="")
             labels.append(f"bob {bob + 1}, {'in flight' if phase == 'flight' else 'at impacts'}")
         axes.set_yticks(range(len(labels)), labels)
@@ -85,12 +86,12 @@ def energy_figure(diagnosis: Diagnosis) -> Figure:
         (diagnosis.base_name, RED, "o", diagnosis.repaired.examined[0]),
         ("repaired", GREEN, "s", diagnosis.repaired.last),
     )
-    runs = sorted({excess.run for excess in models[0][-1].located.ledger})
+    runs = sorted({excess.run for excess in models[0][-1].residual_scan.energy_excess})
     figure = Figure(figsize=(9.0, 0.7 + 2.1 * len(runs)), layout="constrained")
     for axes, run in zip(figure.subplots(len(runs), 1, squeeze=False)[:, 0], runs, strict=True):
         axes.axhline(0.0, color=GREY, linewidth=0.8)
         for name, colour, marker, examined in models if diagnosis.repaired.steps else models[:1]:
-            own = [excess for excess in examined.located.ledger if excess.run == run]
+            own = [excess for excess in examined.residual_scan.energy_excess if excess.run == run]
             axes.errorbar(
                 [e.time for e in own], [1e6 * e.energy for e in own], [1e6 * e.sd for e in own],
                 color=colour, marker=marker, markersize=4.0, linewidth=0.9, capsize=2.0, label=f"model {name}",
@@ -112,10 +113,10 @@ def candidates_figure(diagnosis: Diagnosis) -> Figure:
     first = diagnosis.repaired.examined[0]
     refits = diagnosis.repaired.decisions[0].refits if diagnosis.repaired.decisions else ()
     gained = {refit.candidate: refit.gain for refit in refits}
-    rows = sorted(first.scored.scores, key=lambda s: -max(gained.get(s.candidate, 0.0), s.gain))
+    rows = sorted(first.score_test.scores, key=lambda s: -max(gained.get(s.candidate, 0.0), s.gain))
     figure = Figure(figsize=(9.0, 0.9 + 0.26 * max(len(rows), 2)), layout="constrained")
     axes = figure.subplots()
-    threshold = float(np.quantile(first.scored.replicas, 0.95))
+    threshold = float(np.quantile(first.score_test.replicate_maxima, 0.95))
     for y, s in enumerate(rows):
         if s.directions:
             axes.plot(max(s.gain, 0.5), y, marker="o", color=BLUE, markersize=5.0, linestyle="")
@@ -138,7 +139,7 @@ def candidates_figure(diagnosis: Diagnosis) -> Figure:
 
 
 @styled
-def law_figure(shape: Shape) -> Figure:
+def law_figure(shape: LawShape) -> Figure:
     """The functions of a learned law with their 95 % bands, over the range that the data visit."""
     from matplotlib.figure import Figure
 
@@ -175,7 +176,7 @@ def comparison_figure(diagnosis: Diagnosis) -> Figure:
     figure = Figure(figsize=(9.0, 0.8 + 2.3 * len(bobs)), layout="constrained")
     grid = figure.subplots(2 * len(bobs), 2, squeeze=False, width_ratios=(1.0, 1.7), sharex="col")
     rows = run.times >= run.fit_from
-    t, models = run.times[rows], [_predicted(fitted, k, rows) for fitted in (before, after)]
+    t, models = run.times[rows], [_predict(fitted, k, rows) for fitted in (before, after)]
     close = t >= t[-1] - _CLOSE_UP * before.cradle.period
     unit, name = (1e3, "mrad") if run.quantity == "theta" else (1e3, "mm")
     titles = (diagnosis.base_name, "repaired")
@@ -186,7 +187,7 @@ def comparison_figure(diagnosis: Diagnosis) -> Figure:
             left.plot(t[close], unit * model[close, bob], color=colour, linewidth=0.9)
             left.set_ylabel(f"bob {bob + 1}\n[{name}]")
             residual = (model[:, bob] - run.readings[rows][:, bob]) / before.likelihood.noise_model.scales[k]
-            _residuals(right, t, residual, colour)
+            _plot_residuals(right, t, residual, colour)
             if held[k].any():
                 right.axvspan(run.times[held[k]][0], t[-1], color=BLUE, alpha=0.08, linewidth=0)
             right.set_title(f"bob {bob + 1}, model {title}")
@@ -196,7 +197,7 @@ def comparison_figure(diagnosis: Diagnosis) -> Figure:
     return figure
 
 
-def _residuals(axes: Axes, t: np.ndarray, residual: np.ndarray, colour: str) -> None:
+def _plot_residuals(axes: Axes, t: np.ndarray, residual: np.ndarray, colour: str) -> None:
     axes.plot(t, residual, color=colour, linewidth=0.5)
     axes.set_ylabel("residual\n[noise]")
     spread = float(np.nanmax(np.abs(residual), initial=4.0))
@@ -204,5 +205,5 @@ def _residuals(axes: Axes, t: np.ndarray, residual: np.ndarray, colour: str) -> 
     quiet_grid(axes)
 
 
-def _predicted(fitted: Fitted, index: int, rows: np.ndarray) -> np.ndarray:
+def _predict(fitted: Fitted, index: int, rows: np.ndarray) -> np.ndarray:
     return fitted.likelihood.predict(fitted.point, index, rows)[0]

@@ -10,13 +10,19 @@ from dataclasses import dataclass
 import numpy as np
 
 from cradle_env.effects import effect
-from identification.diagnosis.learned_law.law import Law, advantage, can_outdo, learn
-from identification.diagnosis.selection.candidates import Candidate, taken_from, without_effect
-from identification.diagnosis.selection.inner_validation import FAR, predictions, refuted
-from identification.diagnosis.selection.model_comparison import ALPHA, CLOSE, Decision, judged, log_evidence
+from identification.diagnosis.learned_law.law import LearnedLaw, can_outdo, evidence_over_effects, learn_law
+from identification.diagnosis.selection.candidates import Candidate, candidate_of_effect, without_effect
+from identification.diagnosis.selection.inner_validation import MISSPECIFIED_GAP, predictions, refuted
+from identification.diagnosis.selection.model_comparison import (
+    EQUIVALENT_LOG_ODDS,
+    SIGNIFICANCE_LEVEL,
+    Decision,
+    judged,
+    log_evidence,
+)
 from identification.diagnosis.selection.search import Searcher
 from identification.diagnosis.selection.start_values import standing_in
-from identification.diagnosis.stepwise import SETTLED, Course, Examined, Step
+from identification.diagnosis.stepwise import SETTLED, Course, ExaminedModel, Step
 from identification.inference.fit_result import Fitted
 from identification.inference.impossible_model import ImpossibleModelError
 from identification.progress import Progress
@@ -34,28 +40,28 @@ _RIVAL = 0.3
 
 
 @dataclass(frozen=True, eq=False)
-class Repaired:
+class RepairResult:
     """All models examined, the base first; the steps kept; names withdrawn or taken out again; alternatives: sets of
     effects of which each would do as well as the last steps, the chosen ones first, () where there is no doubt; law:
     what was learned of the remainder, None where there is none or it predicts nothing."""
 
-    examined: tuple[Examined, ...]
+    examined: tuple[ExaminedModel, ...]
     decisions: tuple[Decision, ...]
     steps: tuple[Step, ...]
     removed: tuple[str, ...]
     alternatives: tuple[tuple[Candidate, ...], ...]
-    last: Examined
-    law: Law | None
+    last: ExaminedModel
+    law: LearnedLaw | None
 
 
 def repair(
-    fitted: Fitted, searcher: Searcher, seed: int, estimated: tuple[bool, ...], tell: Progress
-) -> Repaired:  # fmt: skip
+    fitted: Fitted, searcher: Searcher, seed: int, estimated: tuple[bool, ...], progress: Progress
+) -> RepairResult:  # fmt: skip
     """Adds the most probable effect as long as the model leaves more than noise and an effect helps, and what the base
     model hides by a wrong mode; then tries what was added for removal, and for exchange against what was nearly as
     good. What was held out chooses no name, but refutes those that predict worse than right ones do."""
-    tell("locate", 0.0, "where model and data part")
-    course = Course(searcher, seed, estimated, tell)
+    progress("locate", 0.0, "where model and data part")
+    course = Course(searcher, seed, estimated, progress)
     course.examined.append(course.settle(fitted))
     _add(course)
     if course.steps and refuted(course.examined[-1].fitted) and course.anew():
@@ -65,22 +71,22 @@ def repair(
     if law is not None:
         withdrawn += course.back_to(law.before)
     last, kept, removed = _without_the_needless(course, course.examined[-1], course.steps)
-    alternatives = _exchanges(last, kept, searcher, tell)
+    alternatives = _exchanges(last, kept, searcher, progress)
     if alternatives:  # what several could do may be done by none
         last, kept, more = _without_the_needless(course, last, kept)
         if more:
-            removed, alternatives = [*removed, *more], _exchanges(last, kept, searcher, tell)
+            removed, alternatives = [*removed, *more], _exchanges(last, kept, searcher, progress)
     if kept and law is None and refuted(last.fitted):  # by any name: the cause is unknown
         withdrawn += course.back_to(course.examined[0].fitted)
         last, kept, removed, alternatives = course.examined[0], [], [], ()
-    law = _law_of(last, law, searcher, tell)
+    law = _law_of(last, law, searcher, progress)
     if removed:
         kept = _joined(kept, course.examined[0].fitted, last.fitted, searcher)
     names = {step.effect for step in kept}
     gone = tuple(name for name in dict.fromkeys([*course.replaced, *withdrawn, *removed]) if name not in names)
     if removed and not kept:  # what was added only led to a better mode of the base model
-        return Repaired((last,), (), (), gone, (), last, law)
-    return Repaired(tuple(course.examined), tuple(course.decisions), tuple(kept), gone, alternatives, last, law)
+        return RepairResult((last,), (), (), gone, (), last, law)
+    return RepairResult(tuple(course.examined), tuple(course.decisions), tuple(kept), gone, alternatives, last, law)
 
 
 def _add(course: Course) -> None:
@@ -95,10 +101,10 @@ def _overtaken(course: Course) -> bool:
     """Whether, near the noise, a law on the base model does better than several names that leave more than noise: yet
     another would only bend towards one unknown cause."""
     base, last = course.examined[0].fitted, course.examined[-1]
-    if len(course.examined) != _OVERTAKEN or not last.significant or base.training_gap() > FAR:
+    if len(course.examined) != _OVERTAKEN or not last.significant or base.training_gap() > MISSPECIFIED_GAP:
         return False
     law = course.law_beside(base, last.fitted)
-    return law is not None and advantage(law, last.fitted) >= CLOSE
+    return law is not None and evidence_over_effects(law, last.fitted) >= EQUIVALENT_LOG_ODDS
 
 
 def _withdraw(course: Course) -> list[str]:
@@ -116,14 +122,14 @@ def _withdraw(course: Course) -> list[str]:
     return withdrawn
 
 
-def _explains(before: Examined, after: Examined, searcher: Searcher) -> bool:
+def _explains(before: ExaminedModel, after: ExaminedModel, searcher: Searcher) -> bool:
     """Whether the last effect explains most of what the model before it left: of its predictions, where they tell."""
     gaps = predictions(before.fitted, after.fitted, searcher)
     first, left = (_excess(before), _excess(after)) if gaps is None else (gaps[0] ** 2 - 1.0, gaps[1] ** 2 - 1.0)
     return left < (1.0 - _SHARE) * first
 
 
-def _excess(examined: Examined) -> float:
+def _excess(examined: ExaminedModel) -> float:
     return examined.fitted.chi2 - examined.fitted.count
 
 
@@ -132,7 +138,7 @@ def _bends(name: str) -> bool:
     return bool(effect(name).strengths)
 
 
-def _outdoing(course: Course) -> Law | None:
+def _outdoing(course: Course) -> LearnedLaw | None:
     """The law of a model with fewer names that does better than all names do: an effect is named only if it is still
     needed once a law is allowed. Where the names settle it, a law can only do better by fewer unknowns than several
     of them have. Of laws about as good the one that takes the place of most; None where names stand."""
@@ -145,15 +151,15 @@ def _outdoing(course: Course) -> Law | None:
     ]  # fmt: skip
     found = (course.law_beside(model, last.fitted) for model in models)
     laws = [law for law in found if law is not None]
-    over = [advantage(law, last.fitted) for law in laws]
-    if not over or max(over) < CLOSE:
+    over = [evidence_over_effects(law, last.fitted) for law in laws]
+    if not over or max(over) < EQUIVALENT_LOG_ODDS:
         return None
-    return next(law for law, own in zip(laws, over, strict=True) if own > max(over) - CLOSE)
+    return next(law for law, own in zip(laws, over, strict=True) if own > max(over) - EQUIVALENT_LOG_ODDS)
 
 
 def _without_the_needless(
-    course: Course, last: Examined, steps: Sequence[Step]
-) -> tuple[Examined, list[Step], list[str]]:  # fmt: skip
+    course: Course, last: ExaminedModel, steps: Sequence[Step]
+) -> tuple[ExaminedModel, list[Step], list[str]]:  # fmt: skip
     """The last model without what it no longer needs, the steps that remain, and names of what went. Where modes are
     many, an effect may only have led to a better one of the model without it."""
     searcher, kept, removed = course.searcher, list(steps), []
@@ -163,7 +169,7 @@ def _without_the_needless(
             continue
         model = without_effect(last.fitted.experiment, step.effect)
         try:
-            fit = searcher.beside(searcher.nearby(model, last.fitted.values), last.fitted)
+            fit = searcher.fit_from_mode(searcher.fit_from_values(model, last.fitted.values), last.fitted)
         except ImpossibleModelError:
             continue
         inflation, effective = last.fitted.coloured
@@ -175,11 +181,11 @@ def _without_the_needless(
     return last, kept, removed
 
 
-def _law_of(last: Examined, known: Law | None, searcher: Searcher, tell: Progress) -> Law | None:
+def _law_of(last: ExaminedModel, known: LearnedLaw | None, searcher: Searcher, progress: Progress) -> LearnedLaw | None:
     """What is learned of what the last model leaves, where that is more than noise."""
     if not last.significant:
         return None
-    return known if known is not None and known.before is last.fitted else learn(last.fitted, searcher, tell)
+    return known if known is not None and known.before is last.fitted else learn_law(last.fitted, searcher, progress)
 
 
 def _joined(kept: Sequence[Step], base: Fitted, last: Fitted, searcher: Searcher) -> list[Step]:
@@ -190,7 +196,7 @@ def _joined(kept: Sequence[Step], base: Fitted, last: Fitted, searcher: Searcher
         if step is not kept[0]:
             before = step.before  # where the model without cannot be simulated from there
             with contextlib.suppress(ImpossibleModelError):
-                before = searcher.nearby(without_effect(after.experiment, step.effect), after.values)
+                before = searcher.fit_from_values(without_effect(after.experiment, step.effect), after.values)
         joined.append(dataclasses.replace(step, before=before, after=after))
         after = before
     return joined[::-1]
@@ -201,7 +207,7 @@ def _required(name: str) -> tuple[str, ...]:
 
 
 def _exchanges(
-    last: Examined, steps: Sequence[Step], searcher: Searcher, tell: Progress
+    last: ExaminedModel, steps: Sequence[Step], searcher: Searcher, progress: Progress
 ) -> tuple[tuple[Candidate, ...], ...]:
     """Sets of effects that complete the other steps as well as those chosen, the chosen ones first; each effect once,
     as it did best. What is in the place of another may lead to a better mode of the model without either, which is
@@ -214,26 +220,28 @@ def _exchanges(
             continue
         model = without_effect(last.fitted.experiment, step.effect)
         try:
-            base = searcher.nearby(model, last.fitted.values)
+            base = searcher.fit_from_values(model, last.fitted.values)
             own = log_evidence(
                 base.chi2 - last.fitted.chi2, len(last.fitted.point) - len(base.point), inflation, effective
             )
         except ImpossibleModelError:
             continue
-        taken = taken_from(last.fitted.experiment, model, step.effect)
+        taken = candidate_of_effect(last.fitted.experiment, model, step.effect)
         for i, candidate in enumerate(others):
-            tell("exchange", i / len(others), f"{candidate.label} for {step.effect}")
+            progress("exchange", i / len(others), f"{candidate.label} for {step.effect}")
             if base.cradle.has(candidate.name) or (step.effect, candidate.name) in rivals:
                 continue
             try:
-                searcher.adding(base, candidate)
-                fit = searcher.adding_beside(base, candidate, last.fitted, standing_in(base, last.fitted, candidate))
-                refit = judged(base, candidate, fit, last.scored.replicas, inflation, effective)
+                searcher.fit_with_candidate(base, candidate)
+                fit = searcher.fit_with_candidate_from_mode(
+                    base, candidate, last.fitted, standing_in(base, last.fitted, candidate)
+                )
+                refit = judged(base, candidate, fit, last.score_test.replicate_maxima, inflation, effective)
             except ImpossibleModelError:
                 continue
-            if own - refit.log_evidence < CLOSE:
+            if own - refit.log_evidence < EQUIVALENT_LOG_ODDS:
                 rivals[step.effect, candidate.name] = taken, candidate
-                searcher.beside(base, fit)
+                searcher.fit_from_mode(base, fit)
     doubtful = tuple(dict.fromkeys(own for own, _ in rivals.values()))
     exchanged = (tuple(rival if one == own else one for one in doubtful) for own, rival in rivals.values())
     return tuple(dict.fromkeys((doubtful, *exchanged))) if rivals else ()
@@ -247,5 +255,5 @@ def _rivals(step: Step) -> list[Candidate]:
     return [
         refit.candidate for refit in step.decision.refits
         if refit.candidate.name != step.effect and len(refit.candidate.effects) == 1
-        and refit.p < ALPHA and refit.gain >= least
+        and refit.p < SIGNIFICANCE_LEVEL and refit.gain >= least
     ]  # fmt: skip

@@ -14,11 +14,11 @@ from identification.diagnosis.figures import (
     candidates_figure,
     comparison_figure,
     energy_figure,
-    in_windows,
     law_figure,
     map_figure,
+    window_tests,
 )
-from identification.diagnosis.residuals.residual_tests import in_words
+from identification.diagnosis.residuals.residual_tests import describe_phase
 from identification.number_format import Rounding, estimate, markup, minus, number, ratio, unit_markup
 from identification.progress import Progress
 from identification.reporting.html_page import page
@@ -42,15 +42,15 @@ def save(diagnosis: Diagnosis, folder: Path, progress: Progress | None = None) -
     content = diagnosis.content(progress)
     if progress:
         progress("draw", 0.0, "the report")
-    texts = (html(diagnosis, content), diagnosis.model_toml())
+    texts = (render_report(diagnosis, content), diagnosis.model_toml())
     return write_listed(folder, dict(zip(_FILES, texts, strict=True)), _STAMP, content)
 
 
-def html(diagnosis: Diagnosis, content: Mapping[str, Any]) -> str:
+def render_report(diagnosis: Diagnosis, content: Mapping[str, Any]) -> str:
     """The report. content: that of diagnosis.json."""
     first = diagnosis.repaired.examined[0]
     pictures = {
-        **({"map": map_figure(first)} if in_windows(first) else {}),
+        **({"map": map_figure(first)} if window_tests(first) else {}),
         **({"energy": energy_figure(diagnosis)} if content["energy"] else {}),
         "candidates": candidates_figure(diagnosis),
         "comparison": comparison_figure(diagnosis),
@@ -63,37 +63,36 @@ def html(diagnosis: Diagnosis, content: Mapping[str, Any]) -> str:
         "Diagnosis",
         diagnosis.experiment,
         content=content,
-        sentence=sentence(content),
+        sentence=verdict_sentence(content),
         good=content["verdict"] in ("nothing_missing", "named")
         and not content["remainder"]["significant"]
-        and not _departs(content),
+        and not _exceeds_allowed_gap(content),
         declared={name: effect(name) for name in dict.fromkeys(named)},
         base_name=diagnosis.base_name,
-        base=_rows(diagnosis, diagnosis.base.values),
-        last=_intervals(diagnosis),
+        base=_base_rows(diagnosis, diagnosis.base.values),
+        last=_interval_rows(diagnosis),
         steps=[
-            {**step, "probability": _probability(step["probability"]), **{k: ratio(step[k]) for k in _GAPS}}
+            {**step, "probability": _format_probability(step["probability"]), **{k: ratio(step[k]) for k in _GAPS}}
             for step in content["steps"]
         ],
         gaps={key: ratio(content[key]) for key in ("gap_first", "gap_last", "gap_allowed")},
         scores=[
-            {**row, **{key: _digits(row[key]) for key in ("predicted_delta_chi2", "p", "delta_chi2", "log_evidence")},
-             "gap": ratio(row["gap"])}
+            {**row, **{key: _format_number(row[key]) for key in _SCORES}, "gap": ratio(row["gap"])}
             for row in content["candidates"]
         ],
-        plans=[] if diagnosis.advice is None or diagnosis.advice.in_vain else diagnosis.advice.plans[:6],
-        instead="" if diagnosis.advice is None else diagnosis.advice.instead,
+        plans=[] if diagnosis.advice is None or diagnosis.advice.separates_none else diagnosis.advice.plans[:6],
+        instead="" if diagnosis.advice is None else diagnosis.advice.alternative,
         released=diagnosis.experiment.runs[0].release is not None,
         pictures={name: base64.b64encode(png(figure)).decode() for name, figure in pictures.items()},
         model_toml=diagnosis.model_toml(),
         number=number,
-        in_words=in_words,
-        law=_law(content["remainder"]["law"]),
-        unseen=_unseen(diagnosis),
+        describe_phase=describe_phase,
+        law=_law_context(content["remainder"]["law"]),
+        detection_limits=_limits_context(diagnosis),
     )  # fmt: skip
 
 
-def _law(law: Mapping[str, Any] | None) -> dict[str, Any] | None:
+def _law_context(law: Mapping[str, Any] | None) -> dict[str, Any] | None:
     """A learned law as the page shows it."""
     if law is None:
         return None
@@ -102,18 +101,18 @@ def _law(law: Mapping[str, Any] | None) -> dict[str, Any] | None:
         median, interval, exponent = estimate(term["median"], term["ci95"])
         terms.append({**term, "median": median, "interval": interval, "unit": unit_markup(term["unit"], exponent)})
     gaps = {key: ratio(value) for key, value in law.items() if "gap" in key}
-    return {**law, **gaps, "terms": terms, "energy": _energy(law["energy_taken"]["value"])}
+    return {**law, **gaps, "terms": terms, "energy": _energy_phrase(law["energy_taken"]["value"])}
 
 
-def _unseen(diagnosis: Diagnosis) -> dict[str, Any]:
+def _limits_context(diagnosis: Diagnosis) -> dict[str, Any]:
     """What the data may hide, as far as it matters: symbols of the unknowns, and rows of the effects."""
     symbols = {u.name: markup(u.symbol) for u in diagnosis.final.likelihood.unknowns}
-    names, rows = next((list(one.moves) for one in diagnosis.unseen if one.moves), []), []
-    for one in diagnosis.unseen:
-        name = one.effect + (", all alike" if one.alike else "")
+    names, rows = next((list(one.shifts_sd) for one in diagnosis.detection_limits if one.shifts_sd), []), []
+    for one in diagnosis.detection_limits:
+        name = one.effect + (", all alike" if one.shared else "")
         if one.limit is None:
             rows.append({"name": name, "limit": None, "moves": ["–" for _ in names]})
-        elif max(map(abs, one.moves.values())) >= _MATTERS:
+        elif max(map(abs, one.shifts_sd.values())) >= _MATTERS:
             least = math.isinf(one.parameter.absent)
             bar = "" if one.parameter.one_sided else "|"
             rounding = Rounding.of(one.limit, 0.1 * abs(one.limit))
@@ -122,21 +121,22 @@ def _unseen(diagnosis: Diagnosis) -> dict[str, Any]:
                 "sign": "≥" if least else "≤", "limit": rounding.text(abs(one.limit)),
                 "unit": unit_markup(one.parameter.unit, rounding.exponent),
                 "moves": [minus(f"{move:+.1f}" if abs(move) < _MANY else f"{math.copysign(_MANY, move):+.0f} or more")
-                          for move in one.moves.values()],
+                          for move in one.shifts_sd.values()],
             })  # fmt: skip
     return {"symbols": [symbols[name] for name in names], "rows": rows}
 
 
-def _energy(taken: float) -> str:
+def _energy_phrase(taken: float) -> str:
     return f"{'take' if taken >= 0.0 else 'give'} {1e3 * abs(taken):.3g} mJ"
 
 
 #: From how many standard deviations on it matters how far an unknown would be off, and from where on only that.
 _MATTERS, _MANY = 1.0, 100.0
+_SCORES = ("predicted_delta_chi2", "p", "delta_chi2", "log_evidence")
 _GAPS = ("gap_before", "gap_after", "train_before", "train_after")
 
 
-def sentence(content: Mapping[str, Any]) -> str:
+def verdict_sentence(content: Mapping[str, Any]) -> str:
     """The verdict in words."""
     names = ", ".join(step["effect"] for step in content["steps"])
     gaps = f"the held-out gap goes from {ratio(content['gap_first'])} to {ratio(content['gap_last'])}"
@@ -144,10 +144,14 @@ def sentence(content: Mapping[str, Any]) -> str:
     departs = (
         f" What was held out departs more than noise and what is open of the unknowns allow (at most"
         f" {ratio(content['gap_allowed'])}): something else is missing, or stands behind what was found."
-        if _departs(content)
+        if _exceeds_allowed_gap(content)
         else ""
     )
-    rest = f" Something is still left (p = {_digits(left['p'])}): {left['described']}." if left["significant"] else ""
+    rest = (
+        f" Something is still left (p = {_format_number(left['p'])}): {left['described']}."
+        if left["significant"]
+        else ""
+    )
     if content["verdict"] == "nothing_missing":
         return (
             f"Nothing is missing: what the model leaves is noise (held-out gap {ratio(content['gap_last'])}).{departs}"
@@ -163,20 +167,20 @@ def sentence(content: Mapping[str, Any]) -> str:
     return f"Something is missing, and it is no effect of the catalogue.{law}{rest}"
 
 
-def _departs(content: Mapping[str, Any]) -> bool:
+def _exceeds_allowed_gap(content: Mapping[str, Any]) -> bool:
     """Whether the repaired model fails on what was held out."""
     return content["gap_last"] > content["gap_allowed"]
 
 
-def _digits(value: float | None) -> str:
+def _format_number(value: float | None) -> str:
     return "–" if value is None else "< 0.001" if 0.0 <= value < 1e-3 else number(value)
 
 
-def _probability(value: float) -> str:
+def _format_probability(value: float) -> str:
     return "> 0.999" if value > 0.999 else f"{value:.3f}"
 
 
-def _rows(diagnosis: Diagnosis, values: Mapping[str, float]) -> list[tuple[str, str, str]]:
+def _base_rows(diagnosis: Diagnosis, values: Mapping[str, float]) -> list[tuple[str, str, str]]:
     """(symbol, value, unit) of the base model's unknowns of the cradle."""
     unknowns = [u for u in diagnosis.base.likelihood.unknowns if not u.nuisance]
     rows = []
@@ -186,7 +190,7 @@ def _rows(diagnosis: Diagnosis, values: Mapping[str, float]) -> list[tuple[str, 
     return rows
 
 
-def _intervals(diagnosis: Diagnosis) -> list[tuple[str, str, str, str, str]]:
+def _interval_rows(diagnosis: Diagnosis) -> list[tuple[str, str, str, str, str]]:
     """(symbol, name, median, 95 % interval, unit) of the repaired model's unknowns of the cradle."""
     rows = []
     for u in diagnosis.final.likelihood.unknowns:

@@ -14,17 +14,17 @@ from cradle_env.cradle import Cradle
 from cradle_env.effects import LEARNED
 from cradle_env.effects.elements import element_of
 from identification.diagnosis import diagnosis_display
-from identification.diagnosis.learned_law.law import Law
-from identification.diagnosis.learned_law.law_shape import Shape, terms_of
+from identification.diagnosis.learned_law.law import LearnedLaw
+from identification.diagnosis.learned_law.law_shape import LawShape, describe_terms
 from identification.diagnosis.next_experiment.expected_information import Advice
-from identification.diagnosis.repair import Repaired
-from identification.diagnosis.report import FORMAT, html
-from identification.diagnosis.residuals.residual_tests import in_words
-from identification.diagnosis.selection.candidates import taken_from
-from identification.diagnosis.selection.rigid_strings import ELASTIC, taken_out
-from identification.diagnosis.selection.search import Keep, at_once
-from identification.diagnosis.uncertainty.detection_limits import Unseen, unseen
-from identification.diagnosis.uncertainty.intervals import Interval, intervals
+from identification.diagnosis.repair import RepairResult
+from identification.diagnosis.report import FORMAT, render_report
+from identification.diagnosis.residuals.residual_tests import describe_phase
+from identification.diagnosis.selection.candidates import candidate_of_effect
+from identification.diagnosis.selection.rigid_strings import ELASTIC_STRINGS, removed_effects
+from identification.diagnosis.selection.search import PointCache, compute_uncached
+from identification.diagnosis.uncertainty.detection_limits import DetectionLimit, compute_detection_limits
+from identification.diagnosis.uncertainty.intervals import Interval, compute_intervals
 from identification.experiment.experiment import Experiment
 from identification.inference.fit_result import Fitted
 from identification.progress import Progress
@@ -49,13 +49,13 @@ class Diagnosis:
     """
 
     experiment: Experiment
-    repaired: Repaired
+    repaired: RepairResult
     final: Fitted
     advice: Advice | None
     seed: int
     warnings: tuple[str, ...] = ()
     others: tuple[Fitted, ...] = ()
-    keep: Keep = at_once
+    cache: PointCache = compute_uncached
 
     @property
     def base(self) -> Fitted:
@@ -65,11 +65,11 @@ class Diagnosis:
     @property
     def base_name(self) -> str:
         """What that model is, in words."""
-        rigid = self.experiment.cradle.has(ELASTIC) and not self.base.cradle.has(ELASTIC)
+        rigid = self.experiment.cradle.has(ELASTIC_STRINGS) and not self.base.cradle.has(ELASTIC_STRINGS)
         return "with rigid strings" if rigid else "as given"
 
     @property
-    def law(self) -> Law | None:
+    def law(self) -> LearnedLaw | None:
         """What was learned of the remainder, None where there is none or it predicts nothing."""
         return self.repaired.law
 
@@ -79,9 +79,9 @@ class Diagnosis:
         return self.repaired.last.fitted if self.law is None else self.law.fitted
 
     @functools.cached_property
-    def shape(self) -> Shape | None:
+    def shape(self) -> LawShape | None:
         """The learned law as functions."""
-        return None if self.law is None else Shape(self.law, self.final)
+        return None if self.law is None else LawShape(self.law, self.final)
 
     @property
     def verdict(self) -> str:
@@ -104,11 +104,11 @@ class Diagnosis:
         return tuple(tuple(candidate.name for candidate in several) for several in self.repaired.alternatives)
 
     @property
-    def alike(self) -> tuple[str, ...]:
+    def shared_effects(self) -> tuple[str, ...]:
         """Of all effects that it names, those of which every bob or gap has the same value."""
         several = (candidate for set_ in self.repaired.alternatives for candidate in set_)
-        named = (taken_from(s.after.experiment, s.before.experiment, s.effect) for s in self.repaired.steps)
-        return tuple(dict.fromkeys(candidate.name for candidate in (*named, *several) if candidate.alike))
+        named = (candidate_of_effect(s.after.experiment, s.before.experiment, s.effect) for s in self.repaired.steps)
+        return tuple(dict.fromkeys(candidate.name for candidate in (*named, *several) if candidate.shared))
 
     @functools.cached_property
     def gap_first(self) -> float:
@@ -129,8 +129,8 @@ class Diagnosis:
     def parameters(self) -> dict[str, Interval]:
         """Unknowns of the repaired model, by name; of those of the cradle itself, an interval that holds whichever of
         several equivalent models is right."""
-        found = intervals(self.final, self.keep)
-        for other in (intervals(other, self.keep) for other in self.others):
+        found = compute_intervals(self.final, self.cache)
+        for other in (compute_intervals(other, self.cache) for other in self.others):
             for name in (name for name in found if name in other and "." not in name and "@" not in name):
                 low, high = zip(found[name].ci95, other[name].ci95, strict=True)
                 found[name] = dataclasses.replace(found[name], ci95=(min(low), max(high)))
@@ -142,10 +142,10 @@ class Diagnosis:
         return self.final.cradle
 
     @functools.cached_property
-    def unseen(self) -> tuple[Unseen, ...]:
+    def detection_limits(self) -> tuple[DetectionLimit, ...]:
         """What else these data may hide; nothing can be said where the model does not describe them."""
         last = self.repaired.last
-        return () if last.significant else unseen(last.fitted, last.scored.scores, self.keep)
+        return () if last.significant else compute_detection_limits(last.fitted, last.score_test.scores, self.cache)
 
     def model_toml(self) -> str:
         """The repaired model as a [model] table with its parameters, and, as comments, the cradle's own."""
@@ -156,7 +156,7 @@ class Diagnosis:
             for name, found in self.parameters.items() if "." not in name and "@" not in name
         ]  # fmt: skip
         lines += ["[model]", f"base = {toml_text(cradle.model)}", f"effects = {toml_text([*cradle.effects])}"]
-        known = {name: _brief(name, values) for name, values in cradle.effects.items() if values}
+        known = {name: _shortest_values(name, values) for name, values in cradle.effects.items() if values}
         if known:
             lines += ["", "[model.parameters]"]
             lines += [f"{toml_key(name)} = {toml_text(values)}" for name, values in known.items()]
@@ -164,12 +164,12 @@ class Diagnosis:
 
     def content(self, progress: Progress | None = None) -> dict[str, Any]:
         """What diagnosis.json holds; worked out here is how far the unknowns and what else there may be are known."""
-        tell = progress or (lambda *_: None)
+        progress = progress or (lambda *_: None)
         last = self.repaired.last
-        tell("limits", 0.0, "how well the unknowns are known")
+        progress("limits", 0.0, "how well the unknowns are known")
         parameters = self.parameters
-        tell("limits", 0.5, "what the data may hide")
-        unseen = [one.content() for one in self.unseen]
+        progress("limits", 0.5, "what the data may hide")
+        limits = [one.content() for one in self.detection_limits]
         return {
             "format": FORMAT,
             "version": __version__,
@@ -177,25 +177,25 @@ class Diagnosis:
             "inputs": self.experiment.digest,
             "verdict": self.verdict,
             "warnings": list(self.warnings),
-            "where": list(self.repaired.examined[0].located.where),
+            "where": list(self.repaired.examined[0].residual_scan.where),
             "energy": [
                 {"run": self.experiment.runs[e.run].file, "t": e.time, "excess": e.energy, "sd": e.sd}
-                for e in self.repaired.examined[0].located.ledger
+                for e in self.repaired.examined[0].residual_scan.energy_excess
             ],
             "steps": self.steps,
             "equivalent": [list(names) for names in self.equivalent],
-            "alike": list(self.alike),
-            "taken_out": taken_out(self.base.cradle, self.experiment.cradle),
+            "alike": list(self.shared_effects),
+            "taken_out": removed_effects(self.base.cradle, self.experiment.cradle),
             "gap_first": self.gap_first,
             "gap_last": self.gap_last,
             "gap_allowed": self.gap_allowed,
             "remainder": {
                 "significant": last.significant,
                 "p": last.p,
-                "described": described(last.located.where) if last.significant else "",
+                "described": describe_remainder(last.residual_scan.where) if last.significant else "",
                 "law": self._law(),
             },
-            "unseen": unseen,
+            "unseen": limits,
             "removed": list(self.repaired.removed),
             "candidates": self._candidates(),
             "parameters": {
@@ -226,7 +226,7 @@ class Diagnosis:
 
         >>> diagnosis.report("report.html")  # doctest: +SKIP
         """
-        return write(Path(path), html(self, self.content()))
+        return write(Path(path), render_report(self, self.content()))
 
     def __repr__(self) -> str:
         return diagnosis_display.line(self)
@@ -238,14 +238,14 @@ class Diagnosis:
         if self.law is None or self.shape is None:
             return None
         return {
-            "terms": terms_of(self.law, self.parameters),
+            "terms": describe_terms(self.law, self.parameters),
             "words": self.shape.words(),
             "energy_taken": {"unit": "J", "value": self.shape.energy_taken()},
             "log_evidence": self.law.log_evidence,
             "gap_before": self.law.before.held_out_gap(),
             "gap_after": self.law.fitted.held_out_gap(),
-            "inner_gap_before": self.law.inner_before,
-            "inner_gap_after": self.law.inner_after,
+            "inner_gap_before": self.law.inner_gap_before,
+            "inner_gap_after": self.law.inner_gap_after,
         }
 
     def _step(self, step) -> dict[str, Any]:
@@ -265,12 +265,12 @@ class Diagnosis:
         refits = self.repaired.decisions[0].refits if self.repaired.decisions else ()
         refitted = {refit.candidate: refit for refit in refits}
         rows = []
-        for s in first.scored.scores:
+        for s in first.score_test.scores:
             refit = refitted.get(s.candidate)
             rows.append(
                 {
                     "effect": s.candidate.name,
-                    "alike": s.candidate.alike,
+                    "alike": s.candidate.shared,
                     "predicted_delta_chi2": s.gain if s.directions else None,
                     "p": s.p if s.directions else None,
                     "parallel": [other.label for other in s.parallel],
@@ -282,7 +282,7 @@ class Diagnosis:
         return rows
 
 
-def _brief(name: str, values: Mapping[str, Any]) -> dict[str, Any]:
+def _shortest_values(name: str, values: Mapping[str, Any]) -> dict[str, Any]:
     """The values of an effect; of a learned law one number where all bobs or pairs have the same, for any cradle."""
     if all(name != learned.name for learned in LEARNED):
         return dict(values)
@@ -306,11 +306,11 @@ def effect_parameters(parameters: Mapping[str, Interval], name: str) -> dict[str
     return found
 
 
-def described(where: tuple[dict, ...]) -> str:
+def describe_remainder(where: tuple[dict, ...]) -> str:
     """What is left, in words."""
     if not where:
         return "no single place stands out; all of them together hold more than noise"
     worst = where[0]
     bob = "all bobs" if worst["bob"] is None else f"bob {worst['bob']}"
     begin, end = worst["t"]
-    return f"most of all in {worst['run']} at {bob}, {begin:.3g} to {end:.3g} s: {in_words(worst['phase'])}"
+    return f"most of all in {worst['run']} at {bob}, {begin:.3g} to {end:.3g} s: {describe_phase(worst['phase'])}"

@@ -7,12 +7,12 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from identification.diagnosis.learned_law.law import Law, learn
-from identification.diagnosis.residuals.residual_tests import Located, locate, share
-from identification.diagnosis.selection.candidates import candidates
+from identification.diagnosis.learned_law.law import LearnedLaw, learn_law
+from identification.diagnosis.residuals.residual_tests import ResidualScan, replicate_p_value, scan_residuals
+from identification.diagnosis.selection.candidates import list_candidates
 from identification.diagnosis.selection.model_comparison import (
-    ALPHA,
-    CLOSE,
+    EQUIVALENT_LOG_ODDS,
+    SIGNIFICANCE_LEVEL,
     Decision,
     again,
     beside,
@@ -25,7 +25,7 @@ from identification.diagnosis.selection.model_comparison import (
     that_stands,
     worth_refitting,
 )
-from identification.diagnosis.selection.score_test import Scored, score
+from identification.diagnosis.selection.score_test import ScoreTest, score
 from identification.diagnosis.selection.search import Searcher, only_noise
 from identification.inference.fit_result import Fitted
 from identification.progress import Progress
@@ -43,18 +43,18 @@ _MODE = 0.05
 
 
 @dataclass(frozen=True, eq=False)
-class Examined:
+class ExaminedModel:
     """A model under scrutiny: its fit, where it fails, the scores of what may be missing, and p of both together."""
 
     fitted: Fitted
-    located: Located
-    scored: Scored
+    residual_scan: ResidualScan
+    score_test: ScoreTest
     p: float
 
     @property
     def significant(self) -> bool:
         """Whether the model leaves more than noise."""
-        return self.p < ALPHA
+        return self.p < SIGNIFICANCE_LEVEL
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,29 +79,29 @@ class Course:
     seed: int
     estimated: tuple[bool, ...]
     tell: Progress
-    examined: list[Examined] = field(default_factory=list)
+    examined: list[ExaminedModel] = field(default_factory=list)
     decisions: list[Decision] = field(default_factory=list)
     steps: list[Step] = field(default_factory=list)
     replaced: list[str] = field(default_factory=list)
     seen: set[frozenset[str]] = field(default_factory=set)
-    laws: dict[tuple[Fitted, Fitted], Law | None] = field(default_factory=dict)
+    laws: dict[tuple[Fitted, Fitted], LearnedLaw | None] = field(default_factory=dict)
 
-    def law_beside(self, fitted: Fitted, rival: Fitted) -> Law | None:
+    def law_beside(self, fitted: Fitted, rival: Fitted) -> LearnedLaw | None:
         """The law that a model lacks, unless it begins far worse than a rival; learned once."""
         if (fitted, rival) not in self.laws:
-            self.laws[fitted, rival] = learn(fitted, self.searcher, self.tell, rival)
+            self.laws[fitted, rival] = learn_law(fitted, self.searcher, self.tell, rival)
         return self.laws[fitted, rival]
 
-    def examine(self, fitted: Fitted) -> Examined:
+    def examine(self, fitted: Fitted) -> ExaminedModel:
         """A model under scrutiny, as all others of this course are."""
         return examine(fitted, self.seed, self.estimated)
 
-    def settle(self, fitted: Fitted) -> Examined:
+    def settle(self, fitted: Fitted) -> ExaminedModel:
         """Examines a model; where it leaves more than noise, first makes sure that no better mode explains that."""
         found = self.examine(fitted)
         if not found.significant:
             return found
-        better = self.searcher.settled(fitted, self.tell)
+        better = self.searcher.refit_multistart(fitted, self.tell)
         return self.examine(better) if better.chi2 < fitted.chi2 - fitted.unit else found
 
     def look_elsewhere(self) -> bool:
@@ -112,10 +112,10 @@ class Course:
             return False
         known = {} if self.steps else of_the_period(now.fitted, self.searcher, self.tell)
         if now.p < SETTLED:
-            known |= refitted(now.fitted, worth_refitting(now.scored), now.scored, self.searcher, self.tell)
+            known |= refitted(now.fitted, worth_refitting(now.score_test), now.score_test, self.searcher, self.tell)
         if not known:
             return False
-        decision = hidden(now.fitted, known, now.scored, self.searcher, self.tell)
+        decision = hidden(now.fitted, known, now.score_test, self.searcher, self.tell)
         chosen = decision.chosen
         if chosen is None:
             self.decisions.append(decision)
@@ -135,9 +135,9 @@ class Course:
         now = self.examined[-1]
         known = of_the_period(now.fitted, self.searcher, self.tell) if len(self.examined) == 1 else {}
         exhaust = len(self.steps) < _FORETOLD
-        decision = decide(now.fitted, now.scored, self.searcher, self.tell, exhaust, tuple(known))
+        decision = decide(now.fitted, now.score_test, self.searcher, self.tell, exhaust, tuple(known))
         if decision.chosen is None and len(self.examined) == 1:
-            decision = from_anywhere(now.fitted, decision, now.scored, self.searcher, self.tell)
+            decision = from_anywhere(now.fitted, decision, now.score_test, self.searcher, self.tell)
         if decision.chosen is None:
             self.decisions.append(decision)
             return False
@@ -153,7 +153,7 @@ class Course:
         """Takes one effect in the place of all, with which a model from anywhere leaves only noise and predicts what
         was held out; whether there is one."""
         base = self.examined[0]
-        decision = that_stands(base.fitted, self.decisions[0], base.scored, self.searcher, self.tell)
+        decision = that_stands(base.fitted, self.decisions[0], base.score_test, self.searcher, self.tell)
         if decision.chosen is None:
             return False
         self._replace(decision, self.back_to(base.fitted))
@@ -172,7 +172,7 @@ class Course:
     def _in_a_better_mode(self, which: int, other: Fitted, enough: float) -> bool:
         """Examines a model again where it has a mode better by `enough` in χ² that another leads to; whether it has."""
         was = self.examined[which].fitted
-        better = self.searcher.beside(was, other)
+        better = self.searcher.fit_from_mode(was, other)
         if was.chi2 - better.chi2 <= enough:
             return False
         self.examined[which] = self.examine(better)
@@ -189,7 +189,7 @@ class Course:
             return
         self._in_a_better_mode(-2, last, last.unit)
         before = self.examined[-2]
-        decision = again(before.fitted, was, before.scored, self.searcher, self.tell)
+        decision = again(before.fitted, was, before.score_test, self.searcher, self.tell)
         if decision.chosen is None:
             return
         if decision.chosen.candidate != was.chosen.candidate:
@@ -211,7 +211,7 @@ class Course:
             def enough(fitted: Fitted) -> bool:  # χ² alone may call noise what is more
                 return only_noise(fitted) and fitted.chi2 < last.chi2 - last.unit
 
-            decision = from_anywhere(before.fitted, was, before.scored, self.searcher, self.tell, enough)
+            decision = from_anywhere(before.fitted, was, before.score_test, self.searcher, self.tell, enough)
             if was.chosen and decision.chosen and decision.chosen.candidate != was.chosen.candidate:
                 self._instead(decision, 1)
 
@@ -224,10 +224,10 @@ class Course:
         last = self.examined[-1].fitted
         self._in_a_better_mode(-3, last, last.unit)
         before = self.examined[-3]
-        decision = beside(before.fitted, before.scored, last, self.searcher, self.tell)
+        decision = beside(before.fitted, before.score_test, last, self.searcher, self.tell)
         more = len(last.point) - len(before.fitted.point)
         both = log_evidence(before.fitted.chi2 - last.chi2, more, decision.inflation, decision.effective)
-        if decision.chosen is not None and decision.chosen.log_evidence > both - CLOSE:
+        if decision.chosen is not None and decision.chosen.log_evidence > both - EQUIVALENT_LOG_ODDS:
             self._instead(decision, 2)
 
     def _instead(self, decision: Decision, count: int) -> None:
@@ -253,7 +253,9 @@ class Course:
             if name == chosen.candidate.name:
                 after = chosen.fitted
             else:
-                after = self.searcher.adding(before, next(c for c in candidates(before.cradle) if c.name == name))
+                after = self.searcher.fit_with_candidate(
+                    before, next(c for c in list_candidates(before.cradle) if c.name == name)
+                )
             self.steps.append(Step(name, before, after, decision.probability, decision))
             before = after
         self.decisions.append(decision)
@@ -267,12 +269,14 @@ def _effects(fitted: Fitted) -> frozenset[str]:
     return frozenset({*fitted.cradle.effects, *fitted.experiment.unknown_effect_parameters})
 
 
-def examine(fitted: Fitted, seed: int, estimated: tuple[bool, ...]) -> Examined:
+def examine(fitted: Fitted, seed: int, estimated: tuple[bool, ...]) -> ExaminedModel:
     """Locates and scores, against the same replicates; p of the lesser of the two p, by the replicates again."""
     replicates = fitted.replicates(_REPLICATES, np.random.default_rng(seed), estimated)
-    located, scored = locate(fitted, replicates), score(fitted, replicates)
-    families = ((located.largest, located.replicas), (scored.largest, scored.replicas))
-    of_data = min(share(replicas, largest) for largest, replicas in families)
-    ranks = [1.0 - np.argsort(np.argsort(replicas)) / len(replicas) for _, replicas in families]
+    located, scored = scan_residuals(fitted, replicates), score(fitted, replicates)
+    families = ((located.largest, located.replicate_maxima), (scored.largest, scored.replicate_maxima))
+    of_data = min(replicate_p_value(replicate_maxima, largest) for largest, replicate_maxima in families)
+    ranks = [1.0 - np.argsort(np.argsort(replicate_maxima)) / len(replicate_maxima) for _, replicate_maxima in families]
     of_replicates = np.minimum(*ranks)
-    return Examined(fitted, located, scored, float((1 + np.sum(of_replicates < of_data)) / (1 + len(of_replicates))))
+    return ExaminedModel(
+        fitted, located, scored, float((1 + np.sum(of_replicates < of_data)) / (1 + len(of_replicates)))
+    )

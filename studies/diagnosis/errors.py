@@ -38,7 +38,7 @@ def chosen(rows: list[Row]) -> list[Row]:
 def again(case: Case, strengths: list[float]) -> list[Row]:
     """Errors over their standard deviations, and intervals, of one apparatus filmed again."""
     from identification.bench.diagnosis import errors
-    from identification.diagnosis.uncertainty.intervals import intervals
+    from identification.diagnosis.uncertainty.intervals import compute_intervals
 
     apparatus = Apparatus(case)
     clean, frames = apparatus.record(strengths, False), apparatus.settings.correlation_time(apparatus.rate)
@@ -52,8 +52,8 @@ def again(case: Case, strengths: list[float]) -> list[Row]:
             seed = int(rng.integers(2**31))
             path = apparatus.write(Path(folder), drop_frames(filmed, apparatus.settings.missing, seed))
             searcher, base = at_the_truth(path, apparatus.truth)
-            fitted = searcher.on_everything(refitted_right(apparatus, strengths, searcher, base))
-        known = {name: {"median": one.median, "ci95": one.ci95} for name, one in intervals(fitted).items()}
+            fitted = searcher.fit_all_data(refitted_right(apparatus, strengths, searcher, base))
+        known = {name: {"median": one.median, "ci95": one.ci95} for name, one in compute_intervals(fitted).items()}
         found.append({
             "case": case.name, "again": k, "bobs": apparatus.bobs, "errors": errors(known, apparatus.truth),
             "intervals": {name: one for name, one in known.items() if name.partition(".")[0] in hidden},

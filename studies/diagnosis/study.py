@@ -270,8 +270,8 @@ class Oracle:
     noiseless training data."""
 
     def __init__(self, apparatus: Apparatus, scratch: Path):
-        from identification.diagnosis.selection.candidates import candidates
-        from identification.diagnosis.selection.score_test import sensitivities
+        from identification.diagnosis.selection.candidates import list_candidates
+        from identification.diagnosis.selection.score_test import compute_sensitivities
 
         self.apparatus, self.scratch = apparatus, scratch
         tells = apparatus.settings.inflation * _ORACLE_RATE / apparatus.rate
@@ -284,8 +284,8 @@ class Oracle:
         right = hidden | _same(hidden)
         self.wrong = [
             (candidate, sensed, np.linalg.qr(self.fitted.project(sensed.S))[0])
-            for candidate in candidates(self.fitted.cradle) if candidate.name not in right
-            for sensed in sensitivities(self.fitted, candidate)
+            for candidate in list_candidates(self.fitted.cradle) if candidate.name not in right
+            for sensed in compute_sensitivities(self.fitted, candidate)
         ]  # fmt: skip
 
     def delta(self, strengths: list[float], refitted: bool = True) -> float:
@@ -313,7 +313,7 @@ class Oracle:
         recording = self._record([*strengths])
         moved = self._moved(recording)
         searcher, base = self._true(recording)
-        nearest = searcher.nearby(base.experiment, base.values)
+        nearest = searcher.fit_from_values(base.experiment, base.values)
         for i in np.argsort(self._left(moved))[:_REFITTED]:
             candidate, sensed, _ = self.wrong[i]
             likely = [sensed.values(np.linalg.lstsq(self.fitted.project(sensed.S), -moved)[0])]
@@ -343,12 +343,12 @@ class Oracle:
 
 def at_the_truth(path: Path, truth: dict[str, float]):
     """A search over an experiment, and its base model at the true values."""
-    from identification.diagnosis.selection.search import Searcher, Store
+    from identification.diagnosis.selection.search import FitCache, Searcher
     from identification.experiment.experiment import Experiment
     from identification.inference.fit_result import Fitted, with_known_noise
     from identification.inference.start_points import placed
 
-    searcher = Searcher(Store(None, ""), 0, 1)
+    searcher = Searcher(FitCache(None, ""), 0, 1)
     likelihood = searcher.likelihood(with_known_noise(Experiment.load(path)))
     return searcher, Fitted(likelihood, placed(likelihood, truth))
 
@@ -362,13 +362,15 @@ def refitted_right(apparatus: Apparatus, strengths: list[float], searcher, base)
         name: {p.key: np.clip(values[p.key], p.low, p.high).tolist() for p in effect(name).parameters}
         for name, values in apparatus.effects(strengths).items()
     }
-    return searcher.nearby(with_effects(base.experiment, truth), base.values)
+    return searcher.fit_from_values(with_effects(base.experiment, truth), base.values)
 
 
 def _nearer(nearest, searcher, base, candidate, beside, likely):
     """The nearer to the data of a fit and of a model with a candidate added."""
     try:
-        return min(nearest, searcher.adding_beside(base, candidate, beside, likely), key=lambda fit: fit.chi2)
+        return min(
+            nearest, searcher.fit_with_candidate_from_mode(base, candidate, beside, likely), key=lambda fit: fit.chi2
+        )
     except ValueError:
         return nearest
 
@@ -464,7 +466,7 @@ def judged(path: Path, out: Path, answer: dict) -> dict:
     from identification.storage.files import json_text, write_together
 
     began = time.process_time()
-    with mock.patch.object(workflow, "_advice", lambda *_: None):
+    with mock.patch.object(workflow, "_advise", lambda *_: None):
         diagnosis = diagnose(Experiment.load(path), seed=0, workers=1)
     content = diagnosis.content()
     row = bench.row(content, answer) | {"seconds": round(time.process_time() - began, 1)}

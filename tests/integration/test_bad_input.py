@@ -16,10 +16,10 @@ from cradle_env import effects
 from identification import Experiment, calibrate
 from identification.cli.app import main
 from identification.diagnosis import workflow
-from identification.diagnosis.data_checks.instrument_faults import check_slips
+from identification.diagnosis.data_checks.instrument_faults import check_instrument_faults
 from identification.diagnosis.data_checks.readings import check_readings
-from identification.diagnosis.data_checks.run_consistency import check_agreement
-from identification.diagnosis.selection.search import Searcher, Store
+from identification.diagnosis.data_checks.run_consistency import check_run_consistency
+from identification.diagnosis.selection.search import FitCache, Searcher
 from identification.diagnosis.stepwise import examine
 from identification.inference.fit_result import Fitted, with_known_noise
 from identification.inference.likelihood import Likelihood
@@ -58,9 +58,9 @@ def refusal(folder, recording, capsys, **entries) -> str:
 def slips(folder, recording, **entries) -> str:
     """What is said of the slips in a recording, nothing if none is found."""
     experiment = with_known_noise(Experiment.load(write_experiment(folder, [recording], stated=STATED, **entries)))
-    searcher = Searcher(Store(None, ""), 0, 1)
+    searcher = Searcher(FitCache(None, ""), 0, 1)
     try:
-        check_slips(searcher.on_everything(searcher.globally(experiment)))
+        check_instrument_faults(searcher.fit_all_data(searcher.fit_global(experiment)))
     except ValueError as problem:
         return str(problem)
     return ""
@@ -89,8 +89,8 @@ def test_a_bob_that_is_seen_once_shows_no_frequency(tmp_path, good):
     readings[np.arange(len(readings)) != 100, 0] = np.nan
     recording = dataclasses.replace(good, readings=readings)
     likelihood = Likelihood(Experiment.load(write_experiment(tmp_path, [recording], stated=STATED)), None, 1)
-    places = examine(Fitted(likelihood, likelihood.start()), 0, (False,)).located.places
-    assert {place.bob for place in places if place.phase == "line"} == {-1, 1}
+    tests = examine(Fitted(likelihood, likelihood.start()), 0, (False,)).residual_scan.tests
+    assert {test.bob for test in tests if test.phase == "line"} == {-1, 1}
 
 
 def relabelled(path: Path, old: str, new: str) -> Experiment:
@@ -220,7 +220,7 @@ def test_a_clock_a_thousandth_off(tmp_path, scale, rivals, monkeypatch):
     """A clock that runs fast looks like longer strings and added mass; one that runs slow, which would need a negative
     mass, like shorter strings. rivals: the catalogue beside the clock, the whole where None; over 7 s another κ of the
     slow clock's leaves as little, and predicts worse."""
-    monkeypatch.setattr(workflow, "_advice", lambda *_: None)  # half of the time, and nothing of it is judged here
+    monkeypatch.setattr(workflow, "_advise", lambda *_: None)  # half of the time, and nothing of it is judged here
     if rivals:
         kept = ("clock_scale", *rivals, *effects.MODELS["nsp"], *(e.name for e in effects.LEARNED))
         monkeypatch.setattr(effects, "_EFFECTS", {name: effects.effect(name) for name in kept})
@@ -262,8 +262,8 @@ def test_runs_of_two_cradles(tmp_path, capsys, other, name):
 def test_runs_of_one_cradle(tmp_path, hidden):
     """Effects that act otherwise at other amplitudes make no other cradle."""
     experiment = with_known_noise(Experiment.load(two_runs(tmp_path, hidden)))
-    searcher = Searcher(Store(None, ""), 0, 1)
-    check_agreement(searcher.on_everything(searcher.globally(experiment)), 0, lambda *_: None)
+    searcher = Searcher(FitCache(None, ""), 0, 1)
+    check_run_consistency(searcher.fit_all_data(searcher.fit_global(experiment)), 0, lambda *_: None)
 
 
 @pytest.mark.parametrize(

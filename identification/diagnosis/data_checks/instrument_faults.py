@@ -32,7 +32,7 @@ _STRAY, _BRIEF = 4.0, 0.05
 
 
 @dataclass(frozen=True)
-class Slip:
+class InstrumentFault:
     """Rows [first, last) of a run (from 0) in which `bob` (from 0) is shifted by `size` [rad or m], or, with nan,
     strays; bob −1: the times are too early by `size` [s] from `first` on. gain: the χ² that it explains to first
     order, of so much in excess (`of`) once what changes slowly is taken away."""
@@ -45,7 +45,7 @@ class Slip:
     gain: float
     of: float
 
-    def undone(self, experiment: Experiment) -> Experiment:
+    def undo(self, experiment: Experiment) -> Experiment:
         """The experiment without it."""
         run = experiment.runs[self.run]
         times, readings = run.times.copy(), run.readings.copy()
@@ -58,39 +58,39 @@ class Slip:
         return dataclasses.replace(experiment, runs=runs)
 
 
-def check_slips(fitted: Fitted) -> None:
+def check_instrument_faults(fitted: Fitted) -> None:
     """ValueError, naming file, row, bob and remedy, if a slip explains what a fit to all readings leaves."""
     excess = fitted.chi2 - fitted.count
     if excess < _EXCESS * math.sqrt(2.0 * fitted.count):
         return
-    for slip in sorted(_found(fitted), key=lambda slip: -slip.gain)[:_TRIED]:
-        if slip.gain < _WORTH * slip.of:
+    for fault in sorted(_find_faults(fitted), key=lambda fault: -fault.gain)[:_TRIED]:
+        if fault.gain < _WORTH * fault.of:
             continue
-        slip, left = _settled(fitted, slip)
+        fault, left = _refit_fault(fitted, fault)
         if left < (1.0 - _SHARE) * excess:
-            raise ValueError(_told(slip, fitted.experiment.runs[slip.run]))
+            raise ValueError(_message(fault, fitted.experiment.runs[fault.run]))
 
 
-def _found(fitted: Fitted, likes: Slip | None = None) -> list[Slip]:
+def _find_faults(fitted: Fitted, same_kind: InstrumentFault | None = None) -> list[InstrumentFault]:
     """The best slip of each kind in each run and bob; likes: only of the kind, run and bob of that one."""
     found = []
     for k in np.unique(fitted.readings.run):
-        if likes is None or likes.run == k:
-            scan = _Scan.of(fitted, int(k))
-            bobs = range(scan.seen.shape[1]) if likes is None else [likes.bob]
-            if likes is None or likes.bob < 0:
-                found += scan.late()
+        if same_kind is None or same_kind.run == k:
+            scan = _RunScan.of(fitted, int(k))
+            bobs = range(scan.seen.shape[1]) if same_kind is None else [same_kind.bob]
+            if same_kind is None or same_kind.bob < 0:
+                found += scan.find_lost_frames()
             for bob in bobs:
                 if bob >= 0 and scan.seen[:, bob].any():
-                    if likes is None or not math.isnan(likes.size):
-                        found += scan.shifted(bob)
-                    if likes is None or math.isnan(likes.size):
-                        found += scan.stray(bob)
+                    if same_kind is None or not math.isnan(same_kind.size):
+                        found += scan.find_shift(bob)
+                    if same_kind is None or math.isnan(same_kind.size):
+                        found += scan.find_stray_stretch(bob)
     return found
 
 
 @dataclass(frozen=True, eq=False)
-class _Scan:
+class _RunScan:
     """The T fitted rows of run `run`: `rows` (T,) of them in the run, residuals (T, N), 0 where not seen; seen (T, N);
     basis (T, N, K) of what unknowns absorb, and a constant for each bob, a late start and a slow clock; rate (T, N):
     what a second's delay adds to the residuals; noise [rad or m]; spacing of the times [s]."""
@@ -105,7 +105,7 @@ class _Scan:
     spacing: float
 
     @classmethod
-    def of(cls, fitted: Fitted, k: int) -> _Scan:
+    def of(cls, fitted: Fitted, k: int) -> _RunScan:
         likelihood, at = fitted.likelihood, fitted.readings
         run, rows, noise = (
             fitted.experiment.runs[k],
@@ -114,7 +114,7 @@ class _Scan:
         )
         seen = ~np.isnan(run.readings[rows])
         here = np.flatnonzero(at.run == k)
-        rate = _rate(fitted, k) / noise
+        rate = _reading_rate(fitted, k) / noise
         smooth = np.zeros((len(fitted.residuals), run.readings.shape[1] + 2))
         smooth[here, at.bob[here]] = 1.0
         smooth[here, -2] = rate[seen]
@@ -131,7 +131,7 @@ class _Scan:
         """Of χ² over the number of readings."""
         return float(np.sum(self.residuals**2) - self.seen.sum())
 
-    def late(self) -> list[Slip]:
+    def find_lost_frames(self) -> list[InstrumentFault]:
         """The best loss of frames: from one row on, times are too early."""
         along = np.cumsum((self.rate * self.residuals).sum(axis=1)[::-1])[::-1]
         absorbed = np.cumsum(np.einsum("tb,tbk->tk", self.rate, self.basis)[::-1], axis=0)[::-1]
@@ -143,7 +143,7 @@ class _Scan:
         if frames < 1:
             return []
         return [
-            Slip(
+            InstrumentFault(
                 self.run,
                 -1,
                 int(self.rows[i]),
@@ -154,21 +154,23 @@ class _Scan:
             )
         ]
 
-    def shifted(self, bob: int) -> list[Slip]:
+    def find_shift(self, bob: int) -> list[InstrumentFault]:
         """The best shift of one bob's readings: first between few points in time, then row by row about the ends."""
         count = len(self.rows)
         coarse = np.unique(np.linspace(0, count, _EDGES + 1).astype(int))
-        first, last, _, _ = self._shift(bob, coarse, coarse)
+        first, last, _, _ = self._best_shift(bob, coarse, coarse)
         near = 2 * math.ceil(count / _EDGES)
         firsts, lasts = (np.arange(max(0, i - near), min(count, i + near) + 1) for i in (first, last))
-        first, last, size, gain = self._shift(bob, firsts, lasts)
+        first, last, size, gain = self._best_shift(bob, firsts, lasts)
         if gain <= 0.0:
             return []
         if first == 0:  # beside a constant, the same as a shift of the rest the other way
             first, last, size = last, count, -size
-        return [Slip(self.run, bob, int(self.rows[first]), int(self.rows[last - 1]) + 1, size, gain, self.excess)]
+        return [
+            InstrumentFault(self.run, bob, int(self.rows[first]), int(self.rows[last - 1]) + 1, size, gain, self.excess)
+        ]
 
-    def _shift(self, bob: int, firsts: np.ndarray, lasts: np.ndarray) -> tuple[int, int, float, float]:
+    def _best_shift(self, bob: int, firsts: np.ndarray, lasts: np.ndarray) -> tuple[int, int, float, float]:
         """(first, last, size, gain) of the best shift between two of these."""
         zero = np.zeros((1, 1))
         along = np.concatenate([zero[0], np.cumsum(self.residuals[:, bob])])
@@ -183,7 +185,7 @@ class _Scan:
         size = -self.noise * sums[i, j] / max(square[i, j], 0.5)
         return int(firsts[i]), int(lasts[j]), float(size), float(gain[i, j])
 
-    def stray(self, bob: int) -> list[Slip]:
+    def find_stray_stretch(self, bob: int) -> list[InstrumentFault]:
         """The brief stretch of one bob's readings that is least like noise: the largest sum of what exceeds it."""
         own = self.residuals[:, bob]
         scale = max(1.0, 1.4826 * float(np.median(np.abs(own[self.seen[:, bob]]))))
@@ -194,10 +196,14 @@ class _Scan:
         gain = float(np.sum(own[first:last] ** 2)) - (last - first)
         if not 0 < last - first <= _BRIEF * len(own):
             return []
-        return [Slip(self.run, bob, int(self.rows[first]), int(self.rows[last - 1]) + 1, math.nan, gain, self.excess)]
+        return [
+            InstrumentFault(
+                self.run, bob, int(self.rows[first]), int(self.rows[last - 1]) + 1, math.nan, gain, self.excess
+            )
+        ]
 
 
-def _rate(fitted: Fitted, k: int) -> np.ndarray:
+def _reading_rate(fitted: Fitted, k: int) -> np.ndarray:
     """d readings/dt by the model at the fitted rows of a run, (T, N) [rad/s or m/s]."""
     h = 1e-3
     sides = []
@@ -209,39 +215,39 @@ def _rate(fitted: Fitted, k: int) -> np.ndarray:
     return (sides[1] - sides[0]) / (2.0 * h)
 
 
-def _settled(fitted: Fitted, slip: Slip) -> tuple[Slip, float]:
+def _refit_fault(fitted: Fitted, fault: InstrumentFault) -> tuple[InstrumentFault, float]:
     """(the slip, excess of χ² that is left) once neither it nor the unknowns change any more."""
     likelihood, point = fitted.likelihood, fitted.point
     left = math.inf
     for _ in range(_ROUNDS):
-        mended = Likelihood(slip.undone(fitted.experiment), likelihood.rows, likelihood.workers)
+        mended = Likelihood(fault.undo(fitted.experiment), likelihood.rows, likelihood.workers)
         point, cost = refine(mended, point, _EVALUATIONS)
         left = cost - Fitted(mended, point).count
-        again = _found(Fitted(likelihood, point), slip)
-        if not again or again[0] == slip:
+        again = _find_faults(Fitted(likelihood, point), fault)
+        if not again or again[0] == fault:
             break
-        slip = again[0]
-    return slip, left
+        fault = again[0]
+    return fault, left
 
 
-def _told(slip: Slip, run: Run) -> str:
+def _message(fault: InstrumentFault, run: Run) -> str:
     """What is wrong and what to do, in one line."""
-    begin = f"{run.file}, {run.place(slip.first, max(slip.bob, 0))}, t = {run.times[slip.first]:.6g} s"
-    if slip.bob < 0:
+    begin = f"{run.file}, {run.place(fault.first, max(fault.bob, 0))}, t = {run.times[fault.first]:.6g} s"
+    if fault.bob < 0:
         spacing = float(np.median(np.diff(run.times)))
-        frames = round(slip.size / spacing)
+        frames = round(fault.size / spacing)
         return (
-            f"{begin}: from here on all bobs are ahead by {1e3 * slip.size:.3g} ms,"
+            f"{begin}: from here on all bobs are ahead by {1e3 * fault.size:.3g} ms,"
             f" {frames} frame{'s' if frames > 1 else ''} of {1e3 * spacing:.3g} ms, as where a camera dropped"
             f" {'them' if frames > 1 else 'one'}; add that to the times from this row on, or set fit_to before it"
         )
-    where = f"{begin}, bob {slip.bob + 1}: the readings"
-    end = f"{run.place(slip.last - 1, slip.bob)}, t = {run.times[slip.last - 1]:.6g} s"
-    own = np.flatnonzero(run.fitted & ~np.isnan(run.readings[:, slip.bob]))
-    lasting = "from here on" if slip.last > own[-1] else f"up to {end},"
-    if math.isnan(slip.size):
+    where = f"{begin}, bob {fault.bob + 1}: the readings"
+    end = f"{run.place(fault.last - 1, fault.bob)}, t = {run.times[fault.last - 1]:.6g} s"
+    own = np.flatnonzero(run.fitted & ~np.isnan(run.readings[:, fault.bob]))
+    lasting = "from here on" if fault.last > own[-1] else f"up to {end},"
+    if math.isnan(fault.size):
         return f"{where} {lasting} are where no motion leads, as of a tracker that lost the bob; leave them empty"
-    size = f"{slip.size / run.scale:+.3g} {run.unit}"
+    size = f"{fault.size / run.scale:+.3g} {run.unit}"
     return (
         f"{where} {lasting} are shifted by {size}, as of a tracker that slipped;"
         f" subtract that from them, or leave them empty"

@@ -27,37 +27,37 @@ _TINY = 0.01
 
 def check_readings(experiment: Experiment) -> tuple[str, ...]:
     """What to know about the readings, one line each; ValueError for what cannot be diagnosed."""
-    told: list[str] = []
+    warnings: list[str] = []
     for run in experiment.runs:
         cradle = experiment.cradle_of(run)
         check_unit(run, cradle)
-        told += _unseen(run, cradle)
+        warnings += _warn_of_missing_readings(run, cradle)
         largest = float(np.nanmax(np.abs(angles_read(run, cradle))))
         if run.unit == "deg" and run.release is None and largest < _TINY:
-            told.append(
+            warnings.append(
                 f"{run.file}: the largest angle is {math.degrees(largest):.2g} deg; if the file is in radians,"
                 " write [rad] in its header"
             )
     _check_amount(experiment)
-    return tuple(told)
+    return tuple(warnings)
 
 
-def _unseen(run: Run, cradle: Cradle) -> list[str]:
+def _warn_of_missing_readings(run: Run, cradle: Cradle) -> list[str]:
     """Times longer than a period in which a bob that is seen at other times is not, or none is."""
     inside = run.times >= run.fit_from
     inside &= run.times <= (math.inf if run.fit_to is None else run.fit_to)
     times, seen = run.times[inside], ~np.isnan(run.readings[inside])
-    gaps = _gaps(times, np.any(seen, axis=1), cradle.period)
-    told = [f"{run.file}: no bob is seen from {low:.4g} to {high:.4g} s" for low, high in gaps]
+    gaps = _long_gaps(times, np.any(seen, axis=1), cradle.period)
+    warnings = [f"{run.file}: no bob is seen from {low:.4g} to {high:.4g} s" for low, high in gaps]
     for bob in np.flatnonzero(seen.any(axis=0)):
-        told += [
+        warnings += [
             f"{run.file}: bob {bob + 1} is not seen from {low:.4g} to {high:.4g} s"
-            for low, high in _gaps(times, seen[:, bob], cradle.period) if (low, high) not in gaps
+            for low, high in _long_gaps(times, seen[:, bob], cradle.period) if (low, high) not in gaps
         ]  # fmt: skip
-    return told
+    return warnings
 
 
-def _gaps(times: np.ndarray, seen: np.ndarray | np.bool_, longest: float) -> list[tuple[float, float]]:
+def _long_gaps(times: np.ndarray, seen: np.ndarray | np.bool_, longest: float) -> list[tuple[float, float]]:
     """Intervals [s] without a reading that are longer than that, from the first of these times to the last."""
     known = np.concatenate([times[:1], times[seen], times[-1:]])
     return [(known[i], known[i + 1]) for i in np.flatnonzero(np.diff(known) > longest)]

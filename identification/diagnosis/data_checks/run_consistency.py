@@ -30,23 +30,23 @@ _ALIKE = 5.0
 _LENGTH = 0.03
 
 
-def check_agreement(fitted: Fitted, seed: int, tell: Progress) -> None:
+def check_run_consistency(fitted: Fitted, seed: int, progress: Progress) -> None:
     """ValueError, naming two runs and what differs, if runs fitted together are of different cradles."""
     runs, excess = fitted.experiment.runs, fitted.chi2 - fitted.count
     if len(runs) < 2 or excess < _EXCESS * math.sqrt(2.0 * fitted.count):
         return
-    left, alone = 0.0, []
+    left, estimates = 0.0, []
     for k, run in enumerate(runs):
-        tell("check", k / len(runs), f"{run.file} alone")
-        cost, known = _alone(fitted, k, seed)
+        progress("check", k / len(runs), f"{run.file} alone")
+        cost, known = _fit_alone(fitted, k, seed)
         left += cost
-        alone.append(known)
+        estimates.append(known)
     if left > _LEFT * excess:
         return
     for i, j in itertools.combinations(range(len(runs)), 2):
-        name = _differing(alone[i], alone[j])
+        name = _differing_unknown(estimates[i], estimates[j])
         if name is not None:
-            (one, sd), (other, other_sd) = alone[i][name], alone[j][name]
+            (one, sd), (other, other_sd) = estimates[i][name], estimates[j][name]
             raise ValueError(
                 f"{runs[j].file} and {runs[i].file} are not of one cradle: fitted alone, their {name} is"
                 f" {other:.5g} ± {other_sd:.1g} and {one:.5g} ± {sd:.1g} {FIELDS[name][0]}; diagnose them apart, or"
@@ -54,10 +54,10 @@ def check_agreement(fitted: Fitted, seed: int, tell: Progress) -> None:
             )
 
 
-Known = dict[str, tuple[float, float]]
+Estimates = dict[str, tuple[float, float]]
 
 
-def _differing(one: Known, other: Known) -> str | None:
+def _differing_unknown(one: Estimates, other: Estimates) -> str | None:
     """What tells two cradles apart, by value and standard deviation of their unknowns; None if nothing does."""
     apart = {name: abs(other[name][0] - value) / math.hypot(sd, other[name][1]) for name, (value, sd) in one.items()}
     for name, least in _DIFFERENT.items():
@@ -67,7 +67,7 @@ def _differing(one: Known, other: Known) -> str | None:
     return None
 
 
-def _alone(fitted: Fitted, k: int, seed: int) -> tuple[float, Known]:
+def _fit_alone(fitted: Fitted, k: int, seed: int) -> tuple[float, Estimates]:
     """(excess of χ², value and standard deviation of each unknown of the cradle) of run k alone."""
     together = fitted.experiment
     length = together.cradle.length

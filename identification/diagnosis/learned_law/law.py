@@ -18,11 +18,18 @@ from dataclasses import dataclass
 import numpy as np
 
 from cradle_env.threads import each_in_threads, in_threads
-from identification.diagnosis.learned_law.periodic_force import with_time
-from identification.diagnosis.learned_law.terms import Linear, Scales, Term, choice, choice_beside, extended
-from identification.diagnosis.residuals.multiple_shooting import can_be_cut, windowed
-from identification.diagnosis.selection.inner_validation import FAR, gap_within, inner
-from identification.diagnosis.selection.model_comparison import CLOSE, log_evidence
+from identification.diagnosis.learned_law.periodic_force import add_periodic_terms
+from identification.diagnosis.learned_law.terms import (
+    LinearModel,
+    Scales,
+    Term,
+    selection_cost,
+    selection_cost_beside,
+    with_terms,
+)
+from identification.diagnosis.residuals.multiple_shooting import can_be_segmented, fit_multiple_shooting
+from identification.diagnosis.selection.inner_validation import MISSPECIFIED_GAP, hold_out_last_third, validate_inner
+from identification.diagnosis.selection.model_comparison import EQUIVALENT_LOG_ODDS, log_evidence
 from identification.diagnosis.selection.search import Searcher, fit_key, only_noise
 from identification.experiment.experiment import Experiment
 from identification.experiment.noise import gap_of_noise
@@ -51,7 +58,7 @@ _DISTORTED = 2.0
 
 
 @dataclass(frozen=True, eq=False)
-class Law:
+class LearnedLaw:
     """A learned law: the model without it and with it, both fitted to the training part; its terms, and their scales;
     gaps of the inner prediction without and with it."""
 
@@ -59,8 +66,8 @@ class Law:
     fitted: Fitted
     terms: tuple[Term, ...]
     scales: Scales
-    inner_before: float
-    inner_after: float
+    inner_gap_before: float
+    inner_gap_after: float
 
     @property
     def log_evidence(self) -> float:
@@ -71,9 +78,9 @@ class Law:
         """The same, of data whose residuals are so coloured, less what it costs that the terms were chosen."""
         more = len(self.fitted.point) - len(self.before.point)
         gained = log_evidence(self.before.chi2 - self.fitted.chi2, more, inflation, effective)
-        return gained - choice_beside(self.before, len(self.terms))
+        return gained - selection_cost_beside(self.before, len(self.terms))
 
-    def is_better_than(self, other: Law) -> bool:
+    def is_better_than(self, other: LearnedLaw) -> bool:
         """Whether it has more evidence, both judged by the residuals that the nearer to the data leaves."""
         coloured = min((self, other), key=lambda law: law.fitted.chi2).fitted.coloured
         return self.evidence(*coloured) > other.evidence(*coloured)
@@ -91,49 +98,51 @@ class _Draft:
     gap: float
 
 
-def learn(fitted: Fitted, searcher: Searcher, tell: Progress, rival: Fitted | None = None) -> Law | None:
+def learn_law(fitted: Fitted, searcher: Searcher, progress: Progress, rival: Fitted | None = None) -> LearnedLaw | None:
     """The law that a fitted model lacks; None where none predicts better than the model alone, or with so
     many unknowns more that it explains nothing; or where it begins to predict far worse than a rival, the model with
     effects named instead."""
     if fitted.learned or "b" not in fitted.likelihood.names:
         return None
-    tell("law", 0.0, "window by window")
-    scales = scales_of(fitted)
-    cut = Linear.of(windowed(fitted), scales) if can_be_cut(fitted.cradle) else None
-    tell("law", 0.4, "which terms")
-    part = inner(fitted.experiment)
-    none = Law(fitted, fitted, (), scales, *[_free(fitted, searcher, part, scales, (), {}).held_out_gap()] * 2)
-    most = math.inf if rival is None else _FAR_WORSE * gap_within(rival, searcher)[1]
-    free = _free_views(none) if cut is None or _in_step(fitted) else []
+    progress("law", 0.0, "window by window")
+    scales = law_scales(fitted)
+    cut = LinearModel.of(fit_multiple_shooting(fitted), scales) if can_be_segmented(fitted.cradle) else None
+    progress("law", 0.4, "which terms")
+    part = hold_out_last_third(fitted.experiment)
+    none = LearnedLaw(
+        fitted, fitted, (), scales, *[_fit_free_run(fitted, searcher, part, scales, (), {}).held_out_gap()] * 2
+    )
+    most = math.inf if rival is None else _FAR_WORSE * validate_inner(rival, searcher)[1]
+    free = _linearize_free_run(none) if cut is None or _is_in_step(fitted) else []
     views = free if cut is None else [cut, *free]
-    drafts = [_drafts(none, searcher, part, scales, view, choices(view), most) for view in views]
-    tell("law", 0.6, "forces in time")
-    if cut is not None and (timed := with_time(cut, scales, chosen(cut))) is not None:
+    drafts = [_draft_extensions(none, searcher, part, scales, view, candidate_subsets(view), most) for view in views]
+    progress("law", 0.6, "forces in time")
+    if cut is not None and (timed := add_periodic_terms(cut, scales, best_subset(cut))) is not None:
         linear, at = timed
-        several = choices(linear)
+        several = candidate_subsets(linear)
         swinging = tuple(i for i in several[0] if linear.term(i).in_time) if several else ()
         if swinging:
             # Near the frequency of the swing a force in time bends to whatever swings with the bobs, for a while.
             most = min(most, gap_of_noise(part.runs, training_rows(part)[1]))
             for some in ([swinging], several):
-                drafts.append(_drafts(none, searcher, part, at, linear, some, most))
-    law = _completed(none, searcher, part, drafts)
+                drafts.append(_draft_extensions(none, searcher, part, at, linear, some, most))
+    law = _complete_best(none, searcher, part, drafts)
     if law is None:
         return None
     for i in range(_ROUNDS):
         if only_noise(law.fitted):  # terms that bend to noise spoil what the law predicts
             break
-        tell("law", 0.8 + 0.05 * i, "what the law leaves")
-        views = ((view, chosen(view)) for view in _free_views(law))
-        wider = [_drafts(law, searcher, part, law.scales, view, [best]) for view, best in views if best]
-        further = _completed(law, searcher, part, wider)
+        progress("law", 0.8 + 0.05 * i, "what the law leaves")
+        views = ((view, best_subset(view)) for view in _linearize_free_run(law))
+        wider = [_draft_extensions(law, searcher, part, law.scales, view, [best]) for view, best in views if best]
+        further = _complete_best(law, searcher, part, wider)
         if further is None:
             break
         law = further
     return law
 
 
-def _in_step(fitted: Fitted) -> bool:
+def _is_in_step(fitted: Fitted) -> bool:
     """Whether a free run stays near enough to the data for what a term does to it to add up to what it misses."""
     likelihood, motion = fitted.likelihood, 0.0
     for run, rows, noise in zip(fitted.experiment.runs, likelihood.rows, likelihood.noise_model.weights, strict=True):
@@ -141,55 +150,57 @@ def _in_step(fitted: Fitted) -> bool:
     return fitted.training_gap() <= _SMALL or fitted.chi2 <= _MISSED**2 * motion
 
 
-def _free_views(law: Law) -> list[Linear]:
+def _linearize_free_run(law: LearnedLaw) -> list[LinearModel]:
     """What the free run of a law shows of further terms: of those common to all bobs alone, and of all."""
-    linear = Linear.of(law.fitted, law.scales, law.terms)
-    return [linear] if law.fitted.cradle.bobs == 1 else [linear.alike(), linear]
+    linear = LinearModel.of(law.fitted, law.scales, law.terms)
+    return [linear] if law.fitted.cradle.bobs == 1 else [linear.with_common_terms(), linear]
 
 
-def choices(linear: Linear) -> list[tuple[int, ...]]:
+def candidate_subsets(linear: LinearModel) -> list[tuple[int, ...]]:
     """The best subset of all sizes, then those of the path with half as many terms, a quarter, and one: more terms may
     bend to what they were fitted to."""
-    path, best = linear.path(_MOST), chosen(linear)
+    path, best = linear.subset_path(_MOST), best_subset(linear)
     sizes = dict.fromkeys((len(best) // 2, len(best) // 4, 1))
     return [best, *(path[size - 1] for size in sizes if 0 < size < len(best))] if best else []
 
 
-def _drafts(
-    law: Law, searcher: Searcher, part: Experiment, scales: Scales, linear: Linear, several: list[tuple[int, ...]],
-    most: float = math.inf,
+def _draft_extensions(
+    law: LearnedLaw, searcher: Searcher, part: Experiment, scales: Scales, linear: LinearModel,
+    several: list[tuple[int, ...]], most: float = math.inf,
 ) -> Iterator[_Draft]:  # fmt: skip
     """The law with each of several subsets of further terms that predicts better; near the noise, where all are asked
     for, found side by side."""
-    workers = 1 if law.before.training_gap() > FAR else searcher.workers
+    workers = 1 if law.before.training_gap() > MISSPECIFIED_GAP else searcher.workers
     drafted = each_in_threads(
-        lambda subset: _drafted(law, searcher, part, scales, linear, subset, most), several, workers
+        lambda subset: _draft_extension(law, searcher, part, scales, linear, subset, most), several, workers
     )  # fmt: skip
     return (draft for draft in drafted if draft is not None)
 
 
-def _drafted(
-    law: Law, searcher: Searcher, part: Experiment, scales: Scales, linear: Linear, subset: tuple[int, ...],
+def _draft_extension(
+    law: LearnedLaw, searcher: Searcher, part: Experiment, scales: Scales, linear: LinearModel, subset: tuple[int, ...],
     most: float,
 ) -> _Draft | None:  # fmt: skip
     """The law with further terms; None where that predicts no better, or with a gap of `most` or above."""
     new, values = tuple(map(linear.term, subset)), linear.values(subset)
-    return _draft(law, searcher, part, scales, (*law.terms, *new), new, values, min(law.inner_after, most))
+    return _fit_draft(law, searcher, part, scales, (*law.terms, *new), new, values, min(law.inner_gap_after, most))
 
 
-def _draft(
-    law: Law, searcher: Searcher, part: Experiment, scales: Scales, terms: tuple[Term, ...], new: tuple[Term, ...],
-    values: dict[str, float], below: float,
+def _fit_draft(
+    law: LearnedLaw, searcher: Searcher, part: Experiment, scales: Scales, terms: tuple[Term, ...],
+    new: tuple[Term, ...], values: dict[str, float], below: float,
 ) -> _Draft | None:  # fmt: skip
     """A law with these terms instead, fitted to the first two thirds; None where its gap is not below that asked."""
     try:
-        gap = _free(law.before, searcher, part, scales, terms, values, new).held_out_gap()
+        gap = _fit_free_run(law.before, searcher, part, scales, terms, values, new).held_out_gap()
     except ImpossibleModelError:  # a law under which the cradle cannot swing
         return None
     return _Draft(terms, new, values, scales, gap) if gap < below else None
 
 
-def _completed(law: Law, searcher: Searcher, part: Experiment, several: Sequence[Iterator[_Draft]]) -> Law | None:
+def _complete_best(
+    law: LearnedLaw, searcher: Searcher, part: Experiment, several: Sequence[Iterator[_Draft]]
+) -> LearnedLaw | None:
     """The law of one of the drafts of several choices that has more evidence, fitted to the whole, than the law so far;
     None where there is none: what holds for no longer than it was fitted is no law, whatever it explains there.
 
@@ -197,62 +208,62 @@ def _completed(law: Law, searcher: Searcher, part: Experiment, several: Sequence
     evidence is taken; where none of these will do, the next best. Far above the noise, where how well each predicts one
     stretch of time says little about the next, a choice stands for its first draft until that will not do.
     """
-    if law.before.training_gap() <= FAR:
+    if law.before.training_gap() <= MISSPECIFIED_GAP:
         several = [iter([draft]) for draft in itertools.chain.from_iterable(several)]
     by_noise = gap_of_noise(part.runs, training_rows(part)[1])
     left = [(draft, choice) for choice in several for draft in itertools.islice(choice, 1)]
     while left:
         least = min(draft.gap for draft, _ in left)
         equal = [one for one in left if one[0].gap <= by_noise * least]
-        if found := _better(law, searcher, [draft for draft, _ in equal]):
+        if found := _fit_better(law, searcher, [draft for draft, _ in equal]):
             coloured = min(found, key=lambda one: one.fitted.chi2).fitted.coloured
             best = max(found, key=lambda one: one.evidence(*coloured))
-            return _shortened(best, searcher, part, by_noise * best.inner_after)
+            return _drop_weak_terms(best, searcher, part, by_noise * best.inner_gap_after)
         left = [one for one in left if one not in equal]
         left += [(draft, choice) for _, choice in equal for draft in itertools.islice(choice, 1)]
     return None
 
 
-def _shortened(law: Law, searcher: Searcher, part: Experiment, below: float) -> Law:
+def _drop_weak_terms(law: LearnedLaw, searcher: Searcher, part: Experiment, below: float) -> LearnedLaw:
     """The law without the least certain terms, as long as it then has more evidence, and an inner gap below that asked:
     the linear model by which terms were chosen holds only near where the model without them had its mode. Far above
     the noise, where evidence says little, all stay."""
-    while len(law.terms) > 1 and law.before.training_gap() <= FAR:
+    while len(law.terms) > 1 and law.before.training_gap() <= MISSPECIFIED_GAP:
         values, sd = law.fitted.values, np.sqrt(np.diag(law.fitted.smooth))
         sizes = {name: abs(values[name]) / own for name, own in zip(law.fitted.likelihood.names, sd, strict=True)}
         least = min(law.terms, key=lambda term: sizes[term.name])
         terms = tuple(term for term in law.terms if term != least)
-        draft = _draft(law, searcher, part, law.scales, terms, (), values, below)
-        fewer = None if draft is None else _whole(law, searcher, draft)
+        draft = _fit_draft(law, searcher, part, law.scales, terms, (), values, below)
+        fewer = None if draft is None else _fit_whole(law, searcher, draft)
         if fewer is None or not fewer.is_better_than(law):
             break
         law = fewer
     return law
 
 
-def _better(law: Law, searcher: Searcher, drafts: Sequence[_Draft]) -> list[Law]:
+def _fit_better(law: LearnedLaw, searcher: Searcher, drafts: Sequence[_Draft]) -> list[LearnedLaw]:
     """Those of the drafts, fitted to the whole, with more evidence than the law so far."""
-    whole = in_threads(lambda draft: _whole(law, searcher, draft), drafts, searcher.workers)
+    whole = in_threads(lambda draft: _fit_whole(law, searcher, draft), drafts, searcher.workers)
     return [one for one in whole if one is not None and one.is_better_than(law)]
 
 
-def _whole(law: Law, searcher: Searcher, draft: _Draft) -> Law | None:
+def _fit_whole(law: LearnedLaw, searcher: Searcher, draft: _Draft) -> LearnedLaw | None:
     """A draft fitted to the whole training part; None where that cannot swing."""
     fitted = law.before
     try:
-        whole = _free(fitted, searcher, fitted.experiment, draft.scales, draft.terms, draft.values, draft.new)
+        whole = _fit_free_run(fitted, searcher, fitted.experiment, draft.scales, draft.terms, draft.values, draft.new)
         whole.held_out_gap()  # raises where the run ends before the readings do
     except ImpossibleModelError:
         return None
-    return Law(fitted, whole, draft.terms, draft.scales, law.inner_before, draft.gap)
+    return LearnedLaw(fitted, whole, draft.terms, draft.scales, law.inner_gap_before, draft.gap)
 
 
-def chosen(linear: Linear) -> tuple[int, ...]:
+def best_subset(linear: LinearModel) -> tuple[int, ...]:
     """The subset of the path with the most evidence, without terms that lessen it; () where none has any."""
-    path = linear.path(_MOST)
+    path = linear.subset_path(_MOST)
     if not path:
         return ()
-    left = linear.solved(path[-1])[0]
+    left = linear.solve(path[-1])[0]
     evidence = functools.partial(_evidence, linear, *colour(left[: linear.fitted.count], linear.fitted.readings))
     best = max([(), *path], key=evidence)
     while best:
@@ -263,18 +274,18 @@ def chosen(linear: Linear) -> tuple[int, ...]:
     return best
 
 
-def _evidence(linear: Linear, inflation: float, effective: float, subset: tuple[int, ...]) -> float:
+def _evidence(linear: LinearModel, inflation: float, effective: float, subset: tuple[int, ...]) -> float:
     return linear.log_evidence(subset, inflation, effective)
 
 
-def _free(
+def _fit_free_run(
     fitted: Fitted, searcher: Searcher, experiment: Experiment, scales: Scales, terms: tuple[Term, ...],
     values: dict[str, float], new: tuple[Term, ...] = (),
 ) -> Fitted:  # fmt: skip
     """The fit as one free run, near the values found in windows, those of new terms or less of them: a free run alone
     would bend terms to its drift; to the whole, also from other κ about there. Raises ImpossibleModelError where
     none of these can be simulated."""
-    likelihood = searcher.likelihood(extended(experiment, scales, terms))
+    likelihood = searcher.likelihood(with_terms(experiment, scales, terms))
     begun = sorted(values.items()), [term.name for term in new]
     what = experiment.digest, scales, [term.name for term in terms], fitted.point.tolist(), *begun
     key, meet = fit_key("law", experiment, *what), experiment.cradle.bobs > 1
@@ -283,7 +294,7 @@ def _free(
         # All that a linear model found at once may throw a long run out of step, where part of it does not.
         parts = _PARTS if meet else _PARTS[:1]
         reached = []
-        for origin in _origins(fitted):
+        for origin in _start_origins(fitted):
             begin = {**fitted.values, **values, **origin}
             starts = [
                 placed(likelihood, {**begin, **{term.name: part * values[term.name] for term in new}}) for part in parts
@@ -301,7 +312,7 @@ def _free(
     return Fitted(likelihood, searcher.store.point(key, find))
 
 
-def _origins(fitted: Fitted) -> list[dict[str, float]]:
+def _start_origins(fitted: Fitted) -> list[dict[str, float]]:
     """What begins otherwise than in the model without a law, each time it is fitted: nothing, and, where that took κ
     far from what was stated, perhaps to make up for what it lacks, κ."""
     stated = fitted.likelihood.values(fitted.likelihood.start()).get("kappa")
@@ -310,14 +321,16 @@ def _origins(fitted: Fitted) -> list[dict[str, float]]:
     return [{}, {"kappa": stated}]
 
 
-def advantage(law: Law, named: Fitted) -> float:
+def evidence_over_effects(law: LearnedLaw, named: Fitted) -> float:
     """Log evidence of a model with a law over one with effects named in its stead, on the training part: the unknowns
     of both counted, and the terms that the law was free to choose from. The library holds the like of some effects:
     a law that only copies an effect comes out near 0 or below."""
     rival = law.fitted
     inflation, effective = min((named, rival), key=lambda one: one.chi2).coloured
     more = len(rival.point) - len(named.point)
-    return log_evidence(named.chi2 - rival.chi2, more, inflation, effective) - choice(rival.cradle, len(law.terms))
+    return log_evidence(named.chi2 - rival.chi2, more, inflation, effective) - selection_cost(
+        rival.cradle, len(law.terms)
+    )
 
 
 def can_outdo(before: Fitted, named: Fitted) -> bool:
@@ -326,10 +339,12 @@ def can_outdo(before: Fitted, named: Fitted) -> bool:
     inflation, effective = named.coloured
     spared = len(named.point) - len(before.point)
     several = range(1, _MOST + 1)
-    return CLOSE <= max(log_evidence(0.0, k - spared, inflation, effective) - choice(before.cradle, k) for k in several)
+    return EQUIVALENT_LOG_ODDS <= max(
+        log_evidence(0.0, k - spared, inflation, effective) - selection_cost(before.cradle, k) for k in several
+    )
 
 
-def scales_of(fitted: Fitted) -> Scales:
+def law_scales(fitted: Fitted) -> Scales:
     """angle [rad] and speed [m/s]: the largest swing fitted, and that of a swing of this size; frequency
     [Hz]: that of a swing, until a force in time has another."""
     largest = 0.0

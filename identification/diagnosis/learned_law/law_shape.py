@@ -19,7 +19,7 @@ from cradle_env.effects.learned_pair import TERMS as OF_PAIR
 from cradle_env.effects.learned_pair import learned_pair
 from cradle_env.mechanics.layout import PAIR_DECAYS
 from cradle_env.simulation import simulate
-from identification.diagnosis.learned_law.law import Law
+from identification.diagnosis.learned_law.law import LearnedLaw
 from identification.diagnosis.learned_law.terms import FREQUENCY
 from identification.diagnosis.uncertainty.intervals import Interval
 from identification.inference.fit_result import Fitted
@@ -52,20 +52,20 @@ class Curve:
     within: tuple[float, float] = (-math.inf, math.inf)
 
 
-class Shape:
+class LawShape:
     """The functions of a law as fitted, and words for them."""
 
-    def __init__(self, law: Law, fitted: Fitted):
+    def __init__(self, law: LearnedLaw, fitted: Fitted):
         self.law, self.fitted, self.cradle = law, fitted, fitted.cradle
         likelihood = fitted.likelihood
         self.covariance = fitted.covariance
-        self.places = {name: i for i, name in enumerate(likelihood.names)}
+        self.indices = {name: i for i, name in enumerate(likelihood.names)}
         run = fitted.experiment.runs[0]
         beginning, _ = likelihood.beginning(fitted.values, 0)
         times = np.arange(0.0, run.times[run.fitted][-1] - (0.0 if run.state == "release" else run.fit_from), 1 / 120)
         self.motion = simulate(self.cradle, beginning, times=times, step_factor=STEP_FACTOR)
 
-    def _values(self, name: str, key: str) -> Any:
+    def _effect_values(self, name: str, key: str) -> Any:
         return self.cradle.effects[name][key]
 
     def _curve(
@@ -80,56 +80,56 @@ class Shape:
         beside: an unknown of the model and the change of the function where it changes by its own size, for the band
         alone.
         """
-        rows, coefficients, places = [], [], []
-        if beside is not None and beside[0] in self.places:
+        rows, coefficients, indices = [], [], []
+        if beside is not None and beside[0] in self.indices:
             rows, coefficients = [beside[1] / self.fitted.scale_of(beside[0])], [0.0]
-            places = [self.places[beside[0]]]
+            indices = [self.indices[beside[0]]]
         for term in self.law.terms:
-            if term.effect == name and term.which in (0, which):
+            if term.effect == name and term.element in (0, which):
                 rows.append(basis(term.key))
                 coefficients.append(self.fitted.values[term.name])
-                places.append(self.places[term.name])
+                indices.append(self.indices[term.name])
         A = np.array(rows)
-        sd = np.sqrt(np.maximum(np.einsum("ki,kl,li->i", A, self.covariance[np.ix_(places, places)], A), 0.0))
+        sd = np.sqrt(np.maximum(np.einsum("ki,kl,li->i", A, self.covariance[np.ix_(indices, indices)], A), 0.0))
         return np.array(coefficients) @ A, _SIGMAS * sd
 
     def _acts_on(self, name: str) -> list[int]:
         """Bobs or pairs (from 1) that a law of this kind acts on."""
         terms = [term for term in self.law.terms if term.effect == name]
         count = self.cradle.bobs - (name == learned_pair.name)
-        return [i for i in range(1, count + 1) if any(term.which in (0, i) for term in terms)]
+        return [i for i in range(1, count + 1) if any(term.element in (0, i) for term in terms)]
 
     def curves(self) -> list[Curve]:
         """All of them, bob by bob, pair by pair."""
         found = []
-        for bob in self._alike(learned_force.name):
-            found += [*self._of_bob(bob), *self._in_time(bob)]
-        for pair in self._alike(learned_pair.name):
-            found += self._of_pair(pair)
+        for bob in self._shown_elements(learned_force.name):
+            found += [*self._curves_of_bob(bob), *self._periodic_curves(bob)]
+        for pair in self._shown_elements(learned_pair.name):
+            found += self._curves_of_pair(pair)
         if self._acts_on_impacts():
-            found.append(self._of_impacts())
+            found.append(self._impact_curve())
         return found
 
-    def _alike(self, name: str) -> list[int]:
+    def _shown_elements(self, name: str) -> list[int]:
         """The bobs or pairs to show: one for all where all have the same."""
         several = self._acts_on(name)
-        return several[:1] if all(t.which == 0 for t in self.law.terms if t.effect == name) else several
+        return several[:1] if all(t.element == 0 for t in self.law.terms if t.effect == name) else several
 
-    def _who(self, name: str, number: int, one: str) -> str:
+    def _actor(self, name: str, number: int, one: str) -> str:
         count = len(self._acts_on(name))
-        common = count > 1 and len(self._alike(name)) == 1
+        common = count > 1 and len(self._shown_elements(name)) == 1
         return f"every {one}" if common else f"{one} {number}" if one == "bob" else f"{one} {number} and {number + 1}"
 
     def _force(self, key: str, theta: np.ndarray, v: np.ndarray) -> np.ndarray:
         """Force along the string and along the swing [N], (2, M), of one term with coefficient 1 N; those in time have
         curves of their own."""
-        scales = [self._values(learned_force.name, key) for key in SCALES]
+        scales = [self._effect_values(learned_force.name, key) for key in SCALES]
         parameters = [*scales, *(float(other == key and key not in IN_TIME) for other in OF_FORCE)]
         return np.array([force(0.0, 0.0, a, 0.0, b, parameters) for a, b in zip(theta, v, strict=True)]).T
 
-    def _of_bob(self, bob: int) -> list[Curve]:
+    def _curves_of_bob(self, bob: int) -> list[Curve]:
         name = learned_force.name
-        who = self._who(name, bob, "bob")
+        who = self._actor(name, bob, "bob")
         largest = float(np.max(np.abs(self.motion.theta[:, bob - 1])))
         fastest = float(np.max(np.abs((self.motion.r * self.motion.theta_dot)[:, bob - 1])))
         v, theta = np.linspace(0.0, fastest, _POINTS), np.linspace(-largest, largest, _POINTS)
@@ -142,7 +142,7 @@ class Shape:
         push, push_width = self._curve(name, bob, lambda k: self._force(k, theta, rest)[1])
         pull, pull_width = self._curve(name, bob, lambda k: -self._force(k, theta, rest)[0])
         ripple = np.linspace(0.0, float(np.max(np.abs(self.motion.r_dot[:, bob - 1]))), _POINTS)
-        speed = self._values(name, "speed")
+        speed = self._effect_values(name, "speed")
         along, along_width = self._curve(name, bob, lambda k: ripple / speed * float(k == "radial"))
         lift, lift_width = self._curve(  # what acts at rest stands in the curve by angle
             name,
@@ -159,12 +159,12 @@ class Shape:
             Curve(f"{who}: the same both ways, by speed", "speed [m/s]", "force [mN]", v, 1e3 * lift, 1e3 * lift_width),
         ]  # fmt: skip
         return [
-            curve for curve, own in zip(curves, (against, push, pull, along, lift), strict=True) if _size(own) > 0.0
+            curve for curve, own in zip(curves, (against, push, pull, along, lift), strict=True) if _peak(own) > 0.0
         ]
 
-    def _in_time(self, bob: int) -> list[Curve]:
+    def _periodic_curves(self, bob: int) -> list[Curve]:
         """What swings by itself, over its first periods; in the band, the uncertainty of the frequency."""
-        if not any(term.in_time and term.which in (0, bob) for term in self.law.terms):
+        if not any(term.in_time and term.element in (0, bob) for term in self.law.terms):
             return []
         name, frequency = learned_force.name, self.fitted.values[FREQUENCY]
         t = np.linspace(0.0, _PERIODS / frequency, _POINTS)
@@ -176,25 +176,30 @@ class Shape:
         y, _ = self._curve(name, bob, basis)
         faster, _ = self._curve(name, bob, lambda k: basis(k, frequency * (1.0 + _STEP)))
         _, band = self._curve(name, bob, basis, (FREQUENCY, (faster - y) / _STEP))
-        place = self.places[FREQUENCY]
+        place = self.indices[FREQUENCY]
         sd = frequency * math.sqrt(self.covariance[place, place])
-        title = f"{self._who(name, bob, 'bob')}: swinging at {frequency:.4g} ± {_SIGMAS * sd:.1g} Hz"
+        title = f"{self._actor(name, bob, 'bob')}: swinging at {frequency:.4g} ± {_SIGMAS * sd:.1g} Hz"
         return [Curve(title, "time [s]", "horizontal force [mN]", t, 1e3 * y, 1e3 * band)]
 
-    def _of_pair(self, pair: int) -> list[Curve]:
+    def _curves_of_pair(self, pair: int) -> list[Curve]:
         name = learned_pair.name
-        who = self._who(name, pair, "neighbours")
+        who = self._actor(name, pair, "neighbours")
         gap = np.linspace(0.0, _FURTHEST, _POINTS)
         decays = dict(zip(OF_PAIR, PAIR_DECAYS * 2, strict=True))
         curves = []
         for kind, title, unit, scale in (
             ("pull", "attraction", "force [mN]", 1e3),
-            ("film", "resistance to opening and closing", "force per speed [N s/m]", 1.0 / self._values(name, "speed")),
+            (
+                "film",
+                "resistance to opening and closing",
+                "force per speed [N s/m]",
+                1.0 / self._effect_values(name, "speed"),
+            ),
         ):
             y, band = self._curve(
                 name, pair, lambda k, kind=kind: np.exp(-decays[k] * gap) * float(k.startswith(kind))
             )  # fmt: skip
-            if _size(y) > 0.0:
+            if _peak(y) > 0.0:
                 millimetres = 1e3 * self.cradle.radius * gap
                 curves.append(Curve(f"{who}: {title}", "gap [mm]", unit, millimetres, scale * y, scale * band))
         return curves
@@ -202,11 +207,11 @@ class Shape:
     def _acts_on_impacts(self) -> bool:
         return any(term.effect == learned_impact.name for term in self.law.terms)
 
-    def _of_impacts(self) -> Curve:
+    def _impact_curve(self) -> Curve:
         name = learned_impact.name
         speeds = self.motion.impacts["speed"]
         v = np.linspace(0.0, float(speeds.max()), _POINTS + 1)[1:]
-        u = v / self._values(name, "speed")
+        u = v / self._effect_values(name, "speed")
         shapes = {"level": np.ones_like(u), "slope": u, "bend": u**2, "gentle": np.exp(-u / 0.1), "wet": 1.0 / u}
         e = restitution_curve(self.cradle, v)
         stiffer = restitution_curve(self.cradle.replace(k_f=self.cradle.k_f * (1.0 + _STEP)), v)
@@ -222,7 +227,7 @@ class Shape:
         total, motion = 0.0, self.motion
         for bob in self._acts_on(name):
             i = bob - 1
-            values = [self._values(name, key) for key in (*SCALES, *OF_FORCE)]
+            values = [self._effect_values(name, key) for key in (*SCALES, *OF_FORCE)]
             parameters = [value if np.isscalar(value) else value[i] for value in values]
             v = motion.r[:, i] * motion.theta_dot[:, i]
             states = zip(motion.t, motion.r[:, i], motion.theta[:, i], motion.r_dot[:, i], v, strict=True)
@@ -233,27 +238,27 @@ class Shape:
     def words(self) -> list[str]:
         """Each curve that matters, in words."""
         curves = self.curves()
-        sizes = [_size(_added(curve)) for curve in curves]
+        sizes = [_peak(_law_part(curve)) for curve in curves]
         said = []
         for curve, size in zip(curves, sizes, strict=True):
             rivals = [s for other, s in zip(curves, sizes, strict=True) if other.y_label == curve.y_label]
             if size >= _WORTH * max(rivals):
-                said.append(_described(curve))
+                said.append(_describe_curve(curve))
         return said
 
 
-def _added(curve: Curve) -> np.ndarray:
+def _law_part(curve: Curve) -> np.ndarray:
     return curve.y if curve.without is None else curve.y - curve.without
 
 
-def _size(values: np.ndarray) -> float:
+def _peak(values: np.ndarray) -> float:
     return float(np.max(np.abs(values)))
 
 
-def _described(curve: Curve) -> str:
+def _describe_curve(curve: Curve) -> str:
     who, _, what = curve.title.partition(": ")
     unit = curve.y_label.partition("[")[2].rstrip("]")
-    added = _added(curve)
+    added = _law_part(curve)
     k = int(np.argmax(np.abs(added)))
     peak, signed = added[k], minus(f"{added[k]:+.2g}")
     at = f"{minus(f'{curve.x[k]:.3g}')} {curve.x_label.partition('[')[2].rstrip(']')}"
@@ -263,18 +268,18 @@ def _described(curve: Curve) -> str:
     if what.startswith("against"):
         sense = "more" if peak > 0.0 else "less"
         return (
-            f"on {who}, a force against the motion, {_growth(curve)}, up to {_size(curve.y):.2g} {unit};"
+            f"on {who}, a force against the motion, {_speed_dependence(curve)}, up to {_peak(curve.y):.2g} {unit};"
             f" at {at} {abs(peak):.2g} {unit} {sense} than the drag b of the model without it"
         )
     if what.startswith("swinging"):
-        return f"on {who}, a horizontal force {what}, up to {_size(curve.y):.2g} {unit}: as in a room that shakes"
+        return f"on {who}, a horizontal force {what}, up to {_peak(curve.y):.2g} {unit}: as in a room that shakes"
     if what.startswith("at rest"):
         odd, even = 0.5 * (added - added[::-1]), 0.5 * (added + added[::-1])
-        if _size(odd) > 2.0 * _size(even):
+        if _peak(odd) > 2.0 * _peak(even):
             way = "towards the middle" if odd[-1] < 0.0 else "away from the middle"
-            alike = "the same" if _size(even) < _WORTH * _size(odd) else "about the same"
-            return f"on {who}, a push {way} by up to {_size(odd):.2g} {unit}, {alike} on both sides"
-        if _size(even) > 2.0 * _size(odd):
+            extent = "the same" if _peak(even) < _WORTH * _peak(odd) else "about the same"
+            return f"on {who}, a push {way} by up to {_peak(odd):.2g} {unit}, {extent} on both sides"
+        if _peak(even) > 2.0 * _peak(odd):
             return f"on {who}, a push to one side at any angle, {signed} {unit} at {at}"
         return f"on {who}, a push that depends on the angle, {signed} {unit} at {at}"
     if what.startswith("pull"):
@@ -289,7 +294,7 @@ def _described(curve: Curve) -> str:
     return f"between {who}: {what}, {signed} {unit} at a gap of {at}"
 
 
-def _growth(curve: Curve) -> str:
+def _speed_dependence(curve: Curve) -> str:
     """How the force of a curve goes with speed."""
     y, half = curve.y, len(curve.y) // 2
     k = int(np.argmax(np.abs(y)))
@@ -303,7 +308,7 @@ def _growth(curve: Curve) -> str:
     return f"that grows about as the power {power:.1f} of the speed"
 
 
-def terms_of(law: Law, found: dict[str, Interval]) -> list[dict[str, Any]]:
+def describe_terms(law: LearnedLaw, found: dict[str, Interval]) -> list[dict[str, Any]]:
     """The terms with their coefficients, as in diagnosis.json."""
     declared = {e.name: {p.key: p for p in e.parameters} for e in map(effect, {t.effect for t in law.terms})}
     return [

@@ -12,9 +12,16 @@ from scipy.interpolate import CubicSpline
 
 from cradle_env.effects.learned_force import IN_TIME, learned_force
 from cradle_env.threads import in_threads
-from identification.diagnosis.learned_law.terms import MOVED, Linear, Scales, Term, column, library
-from identification.diagnosis.residuals.multiple_shooting import Windowed
-from identification.diagnosis.residuals.periodogram import frequencies
+from identification.diagnosis.learned_law.terms import (
+    TARGET_SHIFT,
+    LinearModel,
+    Scales,
+    Term,
+    library,
+    residual_derivative,
+)
+from identification.diagnosis.residuals.multiple_shooting import MultipleShootingFit
+from identification.diagnosis.residuals.periodogram import frequency_grid
 from identification.inference.fit_result import Fitted, span
 
 #: Frequencies at which windows are simulated, per inverse width of a window: splines then find the best on the grid.
@@ -23,7 +30,9 @@ _COARSE = 2.0
 _TOGETHER = 32
 
 
-def with_time(linear: Linear, scales: Scales, subset: tuple[int, ...]) -> tuple[Linear, Scales] | None:
+def add_periodic_terms(
+    linear: LinearModel, scales: Scales, subset: tuple[int, ...]
+) -> tuple[LinearModel, Scales] | None:
     """The linear model of a fit in windows with the terms in time as well, and scales with their frequency: that of the
     force, the same on all bobs, which explains most of what a subset of the other terms leaves.
 
@@ -31,37 +40,37 @@ def with_time(linear: Linear, scales: Scales, subset: tuple[int, ...]) -> tuple[
     """
     fitted = linear.fitted
     times, period = fitted.readings.time, fitted.cradle.period
-    sought = frequencies(float(np.ptp(times)), period)
-    assert isinstance(fitted, Windowed)
+    sought = frequency_grid(float(np.ptp(times)), period)
+    assert isinstance(fitted, MultipleShootingFit)
     if len(set(fitted.origins)) > 1 or len(fitted.origins) < 2 or len(sought) == 0:
         return None
-    begin, width = _begins(fitted)
+    begin, width = _window_starts(fitted)
     coarse = np.arange(sought[0], sought[-1] + 1.0, 1.0 / (_COARSE * width))
     push = linear.columns[:, linear.terms.index(Term(learned_force.name, "push", 0))]
-    step = MOVED / float(np.sqrt(np.mean(push**2)))
+    step = TARGET_SHIFT / float(np.sqrt(np.mean(push**2)))
 
     def answer(f: float) -> np.ndarray:
-        wave = _wave(fitted, {**scales, "frequency": f}, 0, step * (1.0 + (f * period) ** 2))
+        wave = _force_response(fitted, {**scales, "frequency": f}, 0, step * (1.0 + (f * period) ** 2))
         return wave * np.exp(-1j * np.pi * f * width)
 
     answers = in_threads(answer, list(coarse), fitted.likelihood.workers)
     between, middle = CubicSpline(coarse, np.array(answers)), begin + 0.5 * width
-    others = [linear.seen[i - 1] for i in subset]
+    others = [linear.visible[i - 1] for i in subset]
     b = fitted.jacobian[:, [fitted.likelihood.names.index("b")]]
     basis = span(np.column_stack([linear.basis, b, linear.columns[:, others]]))
     saved = []
     for several in np.array_split(sought, -(-len(sought) // _TOGETHER)):
         waves = between(several) * np.exp(2j * np.pi * np.outer(several, middle))
-        saved += [*_saved(waves, basis, fitted.residuals)]
+        saved += [*_wave_gains(waves, basis, fitted.residuals)]
     scales = {**scales, "frequency": float(sought[np.argmax(saved)])}
     terms, columns = [term for term in library(fitted.cradle) if term.in_time], []
-    for which in dict.fromkeys(term.which for term in terms):
-        wave = _wave(fitted, scales, which, step) * np.exp(2j * np.pi * scales["frequency"] * begin)
+    for which in dict.fromkeys(term.element for term in terms):
+        wave = _force_response(fitted, scales, which, step) * np.exp(2j * np.pi * scales["frequency"] * begin)
         columns += [np.real(wave), np.imag(wave)]
-    return linear.beside(terms, np.column_stack(columns)), scales
+    return linear.with_columns(terms, np.column_stack(columns)), scales
 
 
-def _begins(fitted: Fitted) -> tuple[np.ndarray, float]:
+def _window_starts(fitted: Fitted) -> tuple[np.ndarray, float]:
     """(when the window of each residual begins, counted from the run [s], (R + P,); width of windows [s])."""
     likelihood = fitted.likelihood
     starts = np.array([likelihood.beginning(fitted.values, k)[1] for k in range(len(likelihood.rows))])
@@ -71,13 +80,13 @@ def _begins(fitted: Fitted) -> tuple[np.ndarray, float]:
     return begin[run], float(np.median(np.diff(starts)))
 
 
-def _wave(fitted: Fitted, scales: Scales, which: int, step: float) -> np.ndarray:
+def _force_response(fitted: Fitted, scales: Scales, which: int, step: float) -> np.ndarray:
     """d residuals / d force e^{iωs}, s from the start of each window, (R + P,), complex."""
-    cosine, sine = (column(fitted, scales, Term(learned_force.name, key, which), step) for key in IN_TIME)
+    cosine, sine = (residual_derivative(fitted, scales, Term(learned_force.name, key, which), step) for key in IN_TIME)
     return cosine + 1j * sine
 
 
-def _saved(waves: np.ndarray, basis: np.ndarray, residuals: np.ndarray) -> np.ndarray:
+def _wave_gains(waves: np.ndarray, basis: np.ndarray, residuals: np.ndarray) -> np.ndarray:
     """χ² that the real and imaginary part of each wave (F, R + P) save beside a basis (R + P, K), (F,)."""
     pairs = np.stack([np.real(waves), np.imag(waves)], axis=1)
     left = pairs - (pairs @ basis) @ basis.T

@@ -20,7 +20,7 @@ from cradle_env.effects.learned_force import ALONG_STRINGS, IN_TIME, learned_for
 from cradle_env.effects.radial_elasticity import radial_elasticity
 from cradle_env.threads import in_threads
 from identification.diagnosis.selection.candidates import with_effects
-from identification.diagnosis.selection.inner_validation import FAR
+from identification.diagnosis.selection.inner_validation import MISSPECIFIED_GAP
 from identification.diagnosis.selection.model_comparison import log_evidence
 from identification.experiment.experiment import Experiment
 from identification.inference.fit_result import Fitted, span
@@ -33,7 +33,7 @@ from identification.inference.start_points import placed
 #: Least share of a term that must be left beside all that the unknowns absorb, and the least that may remain of b.
 _SEEN, _LEAST_B = 1e-3, -0.9
 #: First step of a coefficient [its unit], how far readings should move by it [noise], and how often it is sought.
-_STEP, MOVED, _TRIES = 1e-6, 0.3, 6
+_STEP, TARGET_SHIFT, _TRIES = 1e-6, 0.3, 6
 #: The unknown that terms in time share.
 FREQUENCY = f"{learned_force.name}.frequency"
 
@@ -46,13 +46,13 @@ class Term:
 
     effect: str
     key: str
-    which: int
+    element: int
     single: bool = False
 
     @property
     def name(self) -> str:
         """That of its unknown."""
-        return f"{self.effect}.{self.key}" + ("" if self.single else f"[{self.which or '*'}]")
+        return f"{self.effect}.{self.key}" + ("" if self.single else f"[{self.element or '*'}]")
 
     @property
     def in_time(self) -> bool:
@@ -62,7 +62,7 @@ class Term:
     def excludes(self, other: Term) -> bool:
         """Whether both would set the same coefficient."""
         same = (self.effect, self.key) == (other.effect, other.key)
-        return same and (self.which == other.which or not self.which or not other.which)
+        return same and (self.element == other.element or not self.element or not other.element)
 
 
 def library(cradle: Cradle) -> tuple[Term, ...]:
@@ -76,22 +76,22 @@ def library(cradle: Cradle) -> tuple[Term, ...]:
             if p.key in ALONG_STRINGS and not cradle.has(radial_elasticity.name):
                 continue
             found += [Term(declared.name, p.key, i, not p.each) for i in range(1 if several == 1 else several + 1)]
-    return tuple(sorted(found, key=lambda term: term.which > 0))
+    return tuple(sorted(found, key=lambda term: term.element > 0))
 
 
-def choice(cradle: Cradle, terms: int) -> float:
+def selection_cost(cradle: Cradle, terms: int) -> float:
     """What it costs in log evidence that a law is free to choose so many terms from the library of a cradle."""
     return math.log(math.comb(len(library(cradle)), terms))
 
 
-def choice_beside(fitted: Fitted, terms: int) -> float:
+def selection_cost_beside(fitted: Fitted, terms: int) -> float:
     """The same beside a model that lacks them; 0 where that is far above the noise: evidence counts in what a model
     leaves there, and no few terms are all that is missing."""
-    far = rms(fitted.residuals[: fitted.count]) > FAR
-    return 0.0 if far else choice(fitted.cradle, terms)
+    far = rms(fitted.residuals[: fitted.count]) > MISSPECIFIED_GAP
+    return 0.0 if far else selection_cost(fitted.cradle, terms)
 
 
-def extended(experiment: Experiment, scales: Scales, terms: Sequence[Term]) -> Experiment:
+def with_terms(experiment: Experiment, scales: Scales, terms: Sequence[Term]) -> Experiment:
     """The experiment with these terms in its model, at zero and to be inferred, and with them the frequency of those in
     time; scales: by key, of what is no coefficient."""
     names = dict.fromkeys(term.effect for term in terms)
@@ -107,7 +107,7 @@ def extended(experiment: Experiment, scales: Scales, terms: Sequence[Term]) -> E
 
 
 @dataclass(frozen=True, eq=False)
-class Linear:
+class LinearModel:
     """A fit and what each term would do to its residuals: columns (R + P, K); basis (R + P, rank) of what the unknowns
     absorb, b apart; and what is left beside them: G (1 + K', 1 + K'), h (1 + K',), of the terms `seen` (K',)."""
 
@@ -115,33 +115,33 @@ class Linear:
     terms: tuple[Term, ...]
     columns: np.ndarray
     basis: np.ndarray
-    seen: np.ndarray
+    visible: np.ndarray
     G: np.ndarray
     h: np.ndarray
 
     @classmethod
-    def of(cls, fitted: Fitted, scales: Scales, had: Sequence[Term] = ()) -> Linear:
+    def of(cls, fitted: Fitted, scales: Scales, had: Sequence[Term] = ()) -> LinearModel:
         """Of a fit and the whole library but the terms in time, and what would set the same as the terms it has."""
         terms = tuple(
             term for term in library(fitted.cradle)
             if not term.in_time and not any(term.excludes(own) for own in had)
         )  # fmt: skip
-        columns = in_threads(lambda term: column(fitted, scales, term), terms, fitted.likelihood.workers)
+        columns = in_threads(lambda term: residual_derivative(fitted, scales, term), terms, fitted.likelihood.workers)
         b = fitted.likelihood.names.index("b")
         basis = span(np.delete(fitted.jacobian, b, axis=1))
         return cls._with(fitted, terms, np.column_stack(columns), basis)
 
-    def alike(self) -> Linear:
+    def with_common_terms(self) -> LinearModel:
         """With the terms alone that are common to all bobs, pairs or impacts."""
-        common = [i for i, term in enumerate(self.terms) if not term.which]
+        common = [i for i, term in enumerate(self.terms) if not term.element]
         return self._with(self.fitted, tuple(self.terms[i] for i in common), self.columns[:, common], self.basis)
 
-    def beside(self, terms: Sequence[Term], columns: np.ndarray) -> Linear:
+    def with_columns(self, terms: Sequence[Term], columns: np.ndarray) -> LinearModel:
         """With more terms, and their columns (R + P, K)."""
         return self._with(self.fitted, (*self.terms, *terms), np.column_stack([self.columns, columns]), self.basis)
 
     @classmethod
-    def _with(cls, fitted: Fitted, terms: tuple[Term, ...], columns: np.ndarray, basis: np.ndarray) -> Linear:
+    def _with(cls, fitted: Fitted, terms: tuple[Term, ...], columns: np.ndarray, basis: np.ndarray) -> LinearModel:
         own = np.column_stack([fitted.jacobian[:, fitted.likelihood.names.index("b")], columns])
         lengths = np.linalg.norm(own, axis=0)
         left = own / np.where(lengths > 0.0, lengths, 1.0)
@@ -152,18 +152,18 @@ class Linear:
 
     def term(self, place: int) -> Term:
         """The term at a place of G, from 1 on."""
-        return self.terms[self.seen[place - 1]]
+        return self.terms[self.visible[place - 1]]
 
     @functools.cached_property
-    def _saved(self) -> dict[tuple[int, ...], float]:
+    def _gains(self) -> dict[tuple[int, ...], float]:
         return {}
 
-    def saved(self, subset: tuple[int, ...]) -> float:
+    def chi2_gain(self, subset: tuple[int, ...]) -> float:
         """The χ² that b and a subset save together."""
-        if subset not in self._saved:
+        if subset not in self._gains:
             own, c = [0, *subset], self.coefficients(subset)
-            self._saved[subset] = float(2.0 * c @ self.h[own] - c @ self.G[np.ix_(own, own)] @ c)
-        return self._saved[subset]
+            self._gains[subset] = float(2.0 * c @ self.h[own] - c @ self.G[np.ix_(own, own)] @ c)
+        return self._gains[subset]
 
     def coefficients(self, subset: tuple[int, ...]) -> np.ndarray:
         """Of b (the change of its coordinate) and of a subset, (1 + k,)."""
@@ -177,37 +177,37 @@ class Linear:
             c = np.concatenate([[least], rest])
         return c
 
-    def path(self, most: int) -> list[tuple[int, ...]]:
+    def subset_path(self, most: int) -> list[tuple[int, ...]]:
         """The best subset of each size, each from the one before by a term more and exchanges of one at a time."""
         best: tuple[int, ...] = ()
         found = []
-        for _ in range(min(most, len(self.seen))):
-            wider = self.wider(best)
+        for _ in range(min(most, len(self.visible))):
+            wider = self.supersets(best)
             if not wider:
                 break
-            best = max(wider, key=self.saved)
+            best = max(wider, key=self.chi2_gain)
             while True:
-                exchanged = [new for i in best for new in self.wider(tuple(j for j in best if j != i))]
-                better = max(exchanged, key=self.saved)
-                if self.saved(better) <= self.saved(best) * (1.0 + 1e-9):
+                exchanged = [new for i in best for new in self.supersets(tuple(j for j in best if j != i))]
+                better = max(exchanged, key=self.chi2_gain)
+                if self.chi2_gain(better) <= self.chi2_gain(best) * (1.0 + 1e-9):
                     break
                 best = better
             found.append(best)
         return found
 
-    def wider(self, subset: tuple[int, ...]) -> list[tuple[int, ...]]:
+    def supersets(self, subset: tuple[int, ...]) -> list[tuple[int, ...]]:
         """All subsets with one term more."""
         return [
             tuple(sorted((*subset, j))) for j in range(1, len(self.h))
             if not any(self.term(j).excludes(self.term(i)) for i in subset)
         ]  # fmt: skip
 
-    def solved(self, subset: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:
+    def solve(self, subset: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:
         """(what the linear model with a subset leaves, (R + P,), and the change of unknowns and subset, (D + k,))."""
         c, J = self.coefficients(subset), self.fitted.jacobian
         b = self.fitted.likelihood.names.index("b")
         others = np.delete(J, b, axis=1)
-        left = self.fitted.residuals + c[0] * J[:, b] + self.columns[:, [self.seen[j - 1] for j in subset]] @ c[1:]
+        left = self.fitted.residuals + c[0] * J[:, b] + self.columns[:, [self.visible[j - 1] for j in subset]] @ c[1:]
         size = lengths_of(others)
         rest = -np.linalg.lstsq(others / size, left, rcond=1e-10)[0] / size
         return left + others @ rest, np.concatenate([np.insert(rest, b, c[0]), c[1:]])
@@ -216,12 +216,12 @@ class Linear:
         """Over the model alone: ½ (Δχ²/c − k ln n_eff), see `decide`, less what their choice costs; a frequency is an
         unknown more."""
         unknowns = len(subset) + any(self.term(i).in_time for i in subset)
-        gained = log_evidence(self.saved(subset) - self.saved(()), unknowns, inflation, effective)
-        return gained - choice_beside(self.fitted, len(subset))
+        gained = log_evidence(self.chi2_gain(subset) - self.chi2_gain(()), unknowns, inflation, effective)
+        return gained - selection_cost_beside(self.fitted, len(subset))
 
     def values(self, subset: tuple[int, ...]) -> dict[str, float]:
         """The unknowns of the cradle, and coefficients, where the linear model with a subset has its least."""
-        step = self.solved(subset)[1]
+        step = self.solve(subset)[1]
         values = {}
         for u, z, d in zip(self.fitted.likelihood.unknowns, self.fitted.point, step, strict=False):
             if "@" not in u.name:
@@ -230,10 +230,10 @@ class Linear:
         return values | {self.term(j).name: float(c) for j, c in zip(subset, coefficients, strict=True)}
 
 
-def column(fitted: Fitted, scales: Scales, term: Term, step: float = _STEP) -> np.ndarray:
+def residual_derivative(fitted: Fitted, scales: Scales, term: Term, step: float = _STEP) -> np.ndarray:
     """d residuals / d coefficient, (R + P,), by a step [its unit] that the noise would just show, sought
     from `step` on; 0 where it is impossible."""
-    likelihood = Likelihood(extended(fitted.experiment, scales, (term,)), fitted.likelihood.rows, 1)
+    likelihood = Likelihood(with_terms(fitted.experiment, scales, (term,)), fitted.likelihood.rows, 1)
     moved = np.zeros(len(fitted.residuals))
     for _ in range(_TRIES):
         try:
@@ -241,7 +241,7 @@ def column(fitted: Fitted, scales: Scales, term: Term, step: float = _STEP) -> n
         except ImpossibleModelError:
             return np.zeros(len(fitted.residuals))
         size = float(np.sqrt(np.mean(moved**2)))
-        if size == 0.0 or MOVED / 3.0 < size < 3.0 * MOVED:
+        if size == 0.0 or TARGET_SHIFT / 3.0 < size < 3.0 * TARGET_SHIFT:
             break
-        step *= MOVED / size
+        step *= TARGET_SHIFT / size
     return moved / step

@@ -14,8 +14,8 @@ from cradle_env.cradle import FIELDS, Cradle
 from cradle_env.effects import effect
 from identification.diagnosis.data_checks.readings import check_readings
 from identification.diagnosis.next_experiment.expected_information import Advice, advise, advise_on_lambda
-from identification.diagnosis.selection.candidates import Names, candidates, without_effect
-from identification.diagnosis.selection.search import Searcher, Store
+from identification.diagnosis.selection.candidates import EffectNames, list_candidates, without_effect
+from identification.diagnosis.selection.search import FitCache, Searcher
 from identification.experiment.experiment import Experiment
 from identification.experiment.experiment_file import infer_lines, model_lines
 from identification.inference.fit_result import Fitted, with_known_noise
@@ -38,8 +38,8 @@ class Design:
 
     experiment: Experiment
     models: tuple[Fitted, ...]
-    certain: Names
-    sets: tuple[Names, ...]
+    certain: EffectNames
+    sets: tuple[EffectNames, ...]
     advice: Advice
     seed: int
 
@@ -122,19 +122,19 @@ def design(
     unless the diagnosis found it otherwise. out: folder in which finished fits are kept. Raises ValueError for
     what cannot be planned.
     """
-    tell = progress or (lambda *_: None)
+    progress = progress or (lambda *_: None)
     if out is not None:
         check_report(Path(out), "design")
-    asked = _asked(experiment, between, diagnosis)
+    asked = _read_request(experiment, between, diagnosis)
     known = with_known_noise(asked.model)
     check_readings(known)
-    store = Store.of(out, experiment, seed)
+    store = FitCache.of(out, experiment, seed)
     searcher = Searcher(store, seed, workers)
-    tell("search", 0.0, "the model as given")
-    base = _with(searcher.globally(known, tell), asked.certain, asked.each, searcher, tell)
-    several = [_with(base, names, asked.each, searcher, tell) for names in asked.sets or ((),)]
-    models = tuple(map(searcher.on_everything, several))
-    advice = advise(models, asked.sets, seed, tell) if asked.sets else advise_on_lambda(models[0], tell)
+    progress("search", 0.0, "the model as given")
+    base = _fit_with_effects(searcher.fit_global(known, progress), asked.certain, asked.each, searcher, progress)
+    several = [_fit_with_effects(base, names, asked.each, searcher, progress) for names in asked.sets or ((),)]
+    models = tuple(map(searcher.fit_all_data, several))
+    advice = advise(models, asked.sets, seed, progress) if asked.sets else advise_on_lambda(models[0], progress)
     if advice is None:
         raise ValueError(
             "no experiment can be advised: "
@@ -149,17 +149,17 @@ def design(
 
 
 @dataclass(frozen=True, eq=False)
-class _Asked:
+class _Request:
     """model: the experiment as given, or with what a diagnosis took out of its model taken out; effects that are
     certain; sets in question; each: effects that have a value per bob or gap, not one for all."""
 
     model: Experiment
-    certain: Names
-    sets: tuple[Names, ...]
+    certain: EffectNames
+    sets: tuple[EffectNames, ...]
     each: frozenset[str]
 
 
-def _asked(experiment: Experiment, between: Sequence[str], diagnosis: str | Path | None) -> _Asked:
+def _read_request(experiment: Experiment, between: Sequence[str], diagnosis: str | Path | None) -> _Request:
     certain, each, model = (), frozenset(), experiment
     sets = tuple(dict.fromkeys(tuple(sorted({*text.split("+")})) for text in between))
     if diagnosis is not None:
@@ -181,26 +181,28 @@ def _asked(experiment: Experiment, between: Sequence[str], diagnosis: str | Path
     for name in itertools.chain(certain, *sets):
         effect(name)
         _check_absent(model.cradle, name)
-    return _Asked(model, certain, sets, each)
+    return _Request(model, certain, sets, each)
 
 
 def _check_absent(cradle: Cradle, name: str) -> None:
     if cradle.has(name):
         raise ValueError(f"{name} is in the model already; name effects that it may lack")
-    if name not in (c.name for c in candidates(cradle)):
+    if name not in (c.name for c in list_candidates(cradle)):
         raise ValueError(f"{name} cannot matter to {cradle.bobs} bob{'s' if cradle.bobs > 1 else ''}; name another")
 
 
-def _with(fitted: Fitted, names: Names, each: frozenset[str], searcher: Searcher, tell: Progress) -> Fitted:
+def _fit_with_effects(
+    fitted: Fitted, names: EffectNames, each: frozenset[str], searcher: Searcher, progress: Progress
+) -> Fitted:
     """The fit with effects added, one after the other; each: as `_Asked` has it."""
     for name in names:
-        tell("refit", 0.0, name)
+        progress("refit", 0.0, name)
         if fitted.cradle.has(name):  # brought along by an earlier one
             continue
-        several = [c for c in candidates(fitted.cradle) if c.name == name]
+        several = [c for c in list_candidates(fitted.cradle) if c.name == name]
         candidate = several[-1 if name in each else 0]
         try:
-            fitted = searcher.adding(fitted, candidate)
+            fitted = searcher.fit_with_candidate(fitted, candidate)
         except ImpossibleModelError as problem:
             raise ValueError(f"{name} cannot be in this cradle: {problem}") from None
     return fitted

@@ -13,8 +13,8 @@ from cradle_env.effects import effect
 from cradle_env.plot_style import BLACK, bob_styles, png, quiet_grid, styled
 from identification.diagnosis.next_experiment.design import FORMAT, Design
 from identification.diagnosis.next_experiment.expected_information import Plan
-from identification.diagnosis.next_experiment.planned_run import Instrument, Planned
-from identification.diagnosis.next_experiment.run_grid import described
+from identification.diagnosis.next_experiment.planned_run import Instrument, PlannedRun
+from identification.diagnosis.next_experiment.run_grid import describe_run
 from identification.experiment.experiment_file import FILE_NAME
 from identification.number_format import Rounding, number, unit_plain
 from identification.reporting.html_page import page
@@ -40,28 +40,29 @@ def save(design: Design, folder: Path) -> dict[str, Any]:
     """Writes all files, design.json last, whose content it returns. Where no run helps, no experiment.toml is."""
     content = design.content()
     picture = png(design_figure(design))
-    files: dict[str, str | bytes] = {_PICTURE: picture, _REPORT: html(design, content, picture)}
+    files: dict[str, str | bytes] = {_PICTURE: picture, _REPORT: render_report(design, content, picture)}
     check_folder(folder)
-    planned = {} if design.advice.in_vain else {FILE_NAME: design.experiment_toml()}
+    planned = {} if design.advice.separates_none else {FILE_NAME: design.experiment_toml()}
     return write_listed(folder, {**files, **planned}, _STAMP, content)
 
 
-def sentence(design: Design) -> str:
+def advice_sentence(design: Design) -> str:
     """The advice in words."""
     advice, plan = design.advice, design.advice.plans[0]
-    run = described(plan.setting, plan.duration)
+    run = describe_run(plan.setting, plan.duration)
     if not design.sets:
         gain = math.exp(plan.predicted)
         return f"Do next: {run}. It should make λ {number(gain)} times as certain."
-    if advice.in_vain:
-        return advice.instead
+    if advice.separates_none:
+        return advice.alternative
     sets = " from ".join(
         (" with ".join(advice.separates[0]), " and ".join(" with ".join(s) for s in advice.separates[1:]))
     )
-    return f"Do next: {run}. It should tell {sets} by a log Bayes factor of {shown(plan)}. {advice.instead}".strip()
+    factor = format_information(plan)
+    return f"Do next: {run}. It should tell {sets} by a log Bayes factor of {factor}. {advice.alternative}".strip()
 
 
-def shown(plan: Plan) -> str:
+def format_information(plan: Plan) -> str:
     """What a plan tells where it was simulated, with its standard error."""
     if math.isnan(plan.simulated):
         return "–"
@@ -74,7 +75,7 @@ def shown(plan: Plan) -> str:
     return f"{rounding.text(plan.simulated)} ± {rounding.text(plan.standard_error)}{power}"
 
 
-def html(design: Design, content: dict[str, Any], picture: bytes) -> str:
+def render_report(design: Design, content: dict[str, Any], picture: bytes) -> str:
     """The report. content: that of design.json."""
     named = dict.fromkeys(name for names in (design.certain, *design.sets) for name in names)
     return page(
@@ -82,13 +83,16 @@ def html(design: Design, content: dict[str, Any], picture: bytes) -> str:
         "Design",
         design.experiment,
         content=content,
-        sentence=sentence(design),
+        sentence=advice_sentence(design),
         good=not design.advice.inseparable,
         sets=design.sets,
         declared={name: effect(name) for name in named},
-        plans=[(plan, described(plan.setting, plan.duration), shown(plan)) for plan in design.advice.plans[:_SHOWN]],
+        plans=[
+            (plan, describe_run(plan.setting, plan.duration), format_information(plan))
+            for plan in design.advice.plans[:_SHOWN]
+        ],
         picture=base64.b64encode(picture).decode(),
-        experiment_toml="" if design.advice.in_vain else design.experiment_toml(),
+        experiment_toml="" if design.advice.separates_none else design.experiment_toml(),
         number=number,
     )
 
@@ -100,12 +104,12 @@ def design_figure(design: Design) -> Figure:
 
     figure = Figure(figsize=(9.0, 6.4), layout="constrained")
     above, below = figure.subplots(2, 1)
-    _map(above, design)
-    _seen(below, design)
+    _plot_information(above, design)
+    _plot_prediction(below, design)
     return figure
 
 
-def _map(axes: Axes, design: Design) -> None:
+def _plot_information(axes: Axes, design: Design) -> None:
     plans = design.advice.plans
     lines = dict.fromkeys((p.setting.bobs, p.setting.lifted, p.setting.delta) for p in plans)
     for (bobs, lifted, delta), look in zip(lines, bob_styles(len(lines)), strict=True):
@@ -135,27 +139,27 @@ def _map(axes: Axes, design: Design) -> None:
     quiet_grid(axes)
 
 
-def _seen(axes: Axes, design: Design) -> None:
+def _plot_prediction(axes: Axes, design: Design) -> None:
     """Of models: what the second leaves of the first's readings after it has been refitted; of λ: the readings, and
     how far the model leaves them open, over the noise of one."""
     plan = design.advice.plans[0]
     instrument = Instrument.of(design.models[0])
     run = instrument.run(plan.setting, plan.duration)
-    planned = [Planned(model, run) for model in design.models[:2]]
-    view = planned[0].view
+    planned = [PlannedRun(model, run) for model in design.models[:2]]
+    view = planned[0].linearized
     shape = (len(run.times), plan.bobs)
     if design.sets:
-        other = planned[1].given(planned[0].predict(planned[0].before, 0, planned[0].rows[0])[0])
-        point = other.mode()[0]
+        other = planned[1].with_readings(planned[0].predict(planned[0].prior_mean, 0, planned[0].rows[0])[0])
+        point = other.find_mode()[0]
         curves = other.residuals(point)[: shape[0] * shape[1]].reshape(shape)
         first, second = (" with ".join(names) for names in design.sets[:2])
-        title = f"If {first} is true, what {second} leaves in this run: {described(plan.setting, plan.duration)}"
+        title = f"If {first} is true, what {second} leaves in this run: {describe_run(plan.setting, plan.duration)}"
         axes.set_ylabel("model less model\n[noise of a reading]")
         axes.axhspan(-1.0, 1.0, color="#E3E3E3", linewidth=0, label="noise, ± 1 sd")
     else:
         C = np.linalg.inv(view.precision)
         curves = np.sqrt(np.einsum("rd,de,re->r", view.S, C, view.S)).reshape(shape)
-        title = f"How open this run is to what is not known yet: {described(plan.setting, plan.duration)}"
+        title = f"How open this run is to what is not known yet: {describe_run(plan.setting, plan.duration)}"
         axes.set_ylabel("sd of the prediction\n[noise of a reading]")
     for bob, look in enumerate(bob_styles(plan.bobs)):
         axes.plot(run.times, curves[:, bob], linewidth=0.7, label=f"bob {bob + 1}", **{**look, "linestyle": "-"})

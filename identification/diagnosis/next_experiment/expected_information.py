@@ -18,9 +18,9 @@ import numpy as np
 
 from cradle_env.release import Release
 from cradle_env.simulation import simulate
-from identification.diagnosis.next_experiment.planned_run import Instrument, Planned, Setting, log_bayes
-from identification.diagnosis.next_experiment.run_grid import described, ordered, searched
-from identification.diagnosis.selection.model_comparison import CLOSE
+from identification.diagnosis.next_experiment.planned_run import Instrument, PlannedRun, Setting, expected_log_bayes
+from identification.diagnosis.next_experiment.run_grid import describe_run, rank_settings, search_grid
+from identification.diagnosis.selection.model_comparison import EQUIVALENT_LOG_ODDS
 from identification.inference.fit_result import Fitted
 from identification.inference.impossible_model import ImpossibleModelError
 from identification.inference.least_squares import bounds
@@ -29,7 +29,7 @@ from identification.progress import Progress
 #: How many settings are simulated once; how many of them well, and how often each.
 _POOL, _SIMULATED, _DRAWS = 6, 2, 4
 #: What settles it where no run does: how a member is measured by itself.
-DIRECTLY = {
+DIRECT_MEASUREMENTS = {
     "added_mass": "weigh the bobs and work out the air that their volume drags along",
     "angle_offset": "film a plumb line",
     "angle_scale": "film a protractor in the plane of the swing",
@@ -81,20 +81,20 @@ class Advice:
     best: float = math.nan
 
     @property
-    def in_vain(self) -> bool:
+    def separates_none(self) -> bool:
         """Whether no plan tells any of the models apart."""
         return bool(self.inseparable) and not self.separates
 
     @property
-    def instead(self) -> str:
+    def alternative(self) -> str:
         """What to do about what no run tells apart, in words; empty where all is."""
         if not self.inseparable:
             return ""
         pairs = "; ".join(" and ".join(" with ".join(names) for names in pair) for pair in self.inseparable)
         members = dict.fromkeys(name for pair in self.inseparable for names in pair for name in names)
-        ways = [DIRECTLY[name] for name in members if name in DIRECTLY]
+        ways = [DIRECT_MEASUREMENTS[name] for name in members if name in DIRECT_MEASUREMENTS]
         measure = f": measure mass, length or clock directly ({', or '.join(ways)})." if ways else "."
-        if self.best >= CLOSE:
+        if self.best >= EQUIVALENT_LOG_ODDS:
             return (
                 f"Whether an experiment of this kind separates {pairs} is open (the best would give a log Bayes factor"
                 f" of {self.best:.2g}, within its scatter){measure}"
@@ -106,7 +106,7 @@ class Advice:
 
     def content(self) -> dict[str, Any]:
         """As in diagnosis.json; no release where none would tell the models apart."""
-        plan = None if self.in_vain else self.plans[0]
+        plan = None if self.separates_none else self.plans[0]
         release = None if plan is None else {"bobs": plan.setting.lifted, "angle": plan.setting.angle}
         return {
             "release": release,
@@ -117,24 +117,23 @@ class Advice:
             "expected_log_bayes": self.best if plan is None else plan.expected_log_bayes,
             "standard_error": None if plan is None else plan.standard_error,
             "inseparable": [[list(names) for names in pair] for pair in self.inseparable],
-            "instead": self.instead,
+            "instead": self.alternative,
         }
 
 
 def advise(
-    models: Sequence[Fitted], sets: Sequence[tuple[str, ...]], seed: int = 0, tell: Progress | None = None
+    models: Sequence[Fitted], sets: Sequence[tuple[str, ...]], seed: int = 0, progress: Progress | None = None
 ) -> Advice | None:
     """The experiments that tell the models apart, each named by its set of effects; None if none can be done."""
-    tell = tell or (lambda *_: None)
+    progress = progress or (lambda *_: None)
     instrument = Instrument.of(models[0])
     pairs = list(itertools.combinations(range(len(models)), 2))
 
-    def told(planned: list[Planned], duration: float) -> np.ndarray:
-        both = [(log_bayes(planned[i], planned[j], duration), log_bayes(planned[j], planned[i], duration))
-                for i, j in pairs]  # fmt: skip
-        return np.min(both, axis=1)
+    def least_log_bayes(planned: list[PlannedRun], duration: float) -> np.ndarray:
+        ways = [((planned[i], planned[j]), (planned[j], planned[i])) for i, j in pairs]
+        return np.min([[expected_log_bayes(true, other, duration) for true, other in both] for both in ways], axis=1)
 
-    settings = searched(models, instrument, told, tell)
+    settings = search_grid(models, instrument, least_log_bayes, progress)
     if not settings:
         return None
     simulated: dict[Setting, tuple[np.ndarray, np.ndarray]] = {}
@@ -142,10 +141,10 @@ def advise(
     def simulate_each(chosen: Sequence[Setting], draws: int) -> None:
         for k, setting in enumerate(chosen):
             duration = settings[setting][0]
-            tell(f"simulate, {draws} each", k / len(chosen), described(setting, duration))
-            found = simulated_log_bayes(models, instrument.run(setting, duration), seed, draws)
+            progress(f"simulate, {draws} each", k / len(chosen), describe_run(setting, duration))
+            found = simulate_log_bayes(models, instrument.run(setting, duration), seed, draws)
             if found is not None:
-                simulated[setting] = _of_pairs(*found, pairs)
+                simulated[setting] = _lesser_of_pairs(*found, pairs)
 
     # First order errs by what unknowns absorb over long steps: a draw at the best angles chooses what is looked at
     # well.
@@ -153,12 +152,12 @@ def advise(
     for setting in settings:
         pool.setdefault((setting.bobs, setting.lifted, setting.angle), setting)
     simulate_each(list(pool.values())[:_POOL], 1)
-    chosen = ordered({setting: (0.0, mean) for setting, (mean, _) in simulated.items()})[:_SIMULATED]
+    chosen = rank_settings({setting: (0.0, mean) for setting, (mean, _) in simulated.items()})[:_SIMULATED]
     simulate_each(chosen, _DRAWS)
     if not simulated:
         return None
     # What luck in the draws may account for does not tell models apart.
-    apart = np.nanmax([simulated[s][0] - 2.0 * simulated[s][1] for s in chosen], axis=0) >= CLOSE
+    apart = np.nanmax([simulated[s][0] - 2.0 * simulated[s][1] for s in chosen], axis=0) >= EQUIVALENT_LOG_ODDS
     most = np.max([simulated[s][0] for s in chosen], axis=0)
     ranked = apart if apart.any() else np.ones(len(pairs), bool)
     plans = []
@@ -176,7 +175,7 @@ def advise(
     )
 
 
-def advise_on_lambda(fitted: Fitted, tell: Progress | None = None) -> Advice | None:
+def advise_on_lambda(fitted: Fitted, progress: Progress | None = None) -> Advice | None:
     """Ranks the grid by what it tells of λ, that of the first run's setting; None where there is no λ."""
     gradient = _lambda_gradient(fitted)
     if gradient is None:
@@ -187,9 +186,9 @@ def advise_on_lambda(fitted: Fitted, tell: Progress | None = None) -> Advice | N
     before = fitted.covariance[np.ix_(own, own)]
     g = np.array([gradient[name] for name in names])
 
-    def gain(planned: list[Planned], duration: float) -> np.ndarray:
+    def gain(planned: list[PlannedRun], duration: float) -> np.ndarray:
         """An unknown that the run does not see, as k_f with one bob, stays as uncertain as it is."""
-        view = planned[0].view.until(duration)
+        view = planned[0].linearized.until(duration)
         shared = [i for i, name in enumerate(view.names) if name in names]
         rest = [i for i, name in enumerate(view.names) if name not in names]
         G = view.S.T @ view.S
@@ -202,7 +201,7 @@ def advise_on_lambda(fitted: Fitted, tell: Progress | None = None) -> Advice | N
         after[np.ix_(at, at)] += learned
         return np.array([0.5 * math.log((g @ before @ g) / (g @ np.linalg.solve(after, g)))])
 
-    settings = searched([fitted], instrument, gain, tell or (lambda *_: None))
+    settings = search_grid([fitted], instrument, gain, progress or (lambda *_: None))
     plans = [_plan(s, instrument, duration, float(value[0])) for s, (duration, value) in settings.items()]
     return Advice(tuple(plans), ()) if plans else None
 
@@ -212,18 +211,18 @@ def _plan(setting: Setting, instrument: Instrument, duration: float, *told: floa
     return Plan(setting, release, duration, *map(float, told))
 
 
-def simulated_log_bayes(
+def simulate_log_bayes(
     models: Sequence[Fitted], run: Any, seed: int, draws: int
 ) -> tuple[np.ndarray, np.ndarray] | None:
     """(mean, standard error) of the log Bayes factor of model i over model j in data that model i gives, (M, M) each,
     the latter nan for one draw; None where the run cannot be simulated."""
-    planned = [Planned(model, run) for model in models]
+    planned = [PlannedRun(model, run) for model in models]
     found = np.zeros((draws, len(models), len(models)))
     try:
         for draw, true in itertools.product(range(draws), range(len(models))):
             # The same luck in every setting, so that these can be compared.
-            readings, behind = planned[true].drawn(np.random.default_rng([seed, draw, true]))
-            evidence = np.array([model.given(readings).log_evidence(behind) for model in planned])
+            readings, behind = planned[true].draw_readings(np.random.default_rng([seed, draw, true]))
+            evidence = np.array([model.with_readings(readings).log_evidence(behind) for model in planned])
             found[draw, true] = evidence[true] - evidence
     except (ImpossibleModelError, np.linalg.LinAlgError):
         return None
@@ -231,7 +230,9 @@ def simulated_log_bayes(
     return found.mean(axis=0), error
 
 
-def _of_pairs(mean: np.ndarray, error: np.ndarray, pairs: Sequence[tuple[int, int]]) -> tuple[np.ndarray, np.ndarray]:
+def _lesser_of_pairs(
+    mean: np.ndarray, error: np.ndarray, pairs: Sequence[tuple[int, int]]
+) -> tuple[np.ndarray, np.ndarray]:
     """Of each pair the lesser of the two log Bayes factors, and its standard error."""
     lesser = [(i, j) if mean[i, j] <= mean[j, i] else (j, i) for i, j in pairs]
     return np.array([mean[at] for at in lesser]), np.array([error[at] for at in lesser])

@@ -93,7 +93,7 @@ class Instrument:
         )
 
 
-class Planned(Likelihood):
+class PlannedRun(Likelihood):
     """The likelihood of a planned run, with what the fit to the data there are says of its unknowns as their prior.
 
     precision: C⁻¹ (D, D) of that prior in sampled coordinates; before: its mean (D,), the mode of the fit.
@@ -106,7 +106,7 @@ class Planned(Likelihood):
         new = Experiment(cradle, (run,), old.infer, old.unknown_effect_parameters)
         super().__init__(new, None, fitted.likelihood.workers)
         own = {name: value for name, value in fitted.values.items() if "@" not in name}
-        self.before = placed(self, {**self.values(self.start()), **own})
+        self.prior_mean = placed(self, {**self.values(self.start()), **own})
         self.precision = self._precision(fitted)
         self._root = np.linalg.cholesky(self.precision).T
 
@@ -123,42 +123,42 @@ class Planned(Likelihood):
         """Model less readings over the noise, then what departs from the prior, in its standard deviations."""
         run = self.experiment.runs[0]
         data = (self.predict(point, 0, self.rows[0])[0] - run.readings) / self.noise_model.scales[0]
-        return np.concatenate([data.ravel(), self._root @ (point - self.before)])
+        return np.concatenate([data.ravel(), self._root @ (point - self.prior_mean)])
 
     @functools.cached_property
-    def view(self) -> View:
+    def linearized(self) -> LinearizedRun:
         """To first order about the mode of the old data."""
         readings = self.experiment.runs[0].readings
-        base = self.residuals(self.before)
-        S = jacobian(self, self.before, base)[: readings.size]
+        base = self.residuals(self.prior_mean)
+        S = jacobian(self, self.prior_mean, base)[: readings.size]
         model = base[: readings.size] + readings.ravel() / self.noise_model.scales[0]
         times = np.repeat(self.experiment.runs[0].times, readings.shape[1])
-        return View(self.names, times, model, S, self.precision)
+        return LinearizedRun(self.names, times, model, S, self.precision)
 
-    def given(self, readings: np.ndarray) -> Planned:
+    def with_readings(self, readings: np.ndarray) -> PlannedRun:
         """The same with readings (T, N) [rad or m]; what is known to first order does not depend on them."""
-        _ = self.view
+        _ = self.linearized
         new = copy.copy(self)
         run = dataclasses.replace(self.experiment.runs[0], readings=readings)
         new.experiment = dataclasses.replace(self.experiment, runs=(run,))
         return new
 
-    def drawn(self, rng: np.random.Generator) -> tuple[np.ndarray, dict[str, float]]:
+    def draw_readings(self, rng: np.random.Generator) -> tuple[np.ndarray, dict[str, float]]:
         """(readings (T, N) that the model may give, the unknowns behind them): as the old data leave these, and
         noise."""
-        ahead = np.linalg.solve(self._root, rng.standard_normal(len(self.before)))
-        point = np.clip(self.before + ahead, *bounds(self))
+        ahead = np.linalg.solve(self._root, rng.standard_normal(len(self.prior_mean)))
+        point = np.clip(self.prior_mean + ahead, *bounds(self))
         seen = self.predict(point, 0, self.rows[0])[0]
         return seen + self.noise_model.scales[0] * rng.standard_normal(seen.shape), self.values(point)
 
-    def mode(self, near: Mapping[str, float] | None = None) -> tuple[np.ndarray, float]:
+    def find_mode(self, near: Mapping[str, float] | None = None) -> tuple[np.ndarray, float]:
         """(point (D,), χ²) of a refit to the readings and the prior, from the best of the old mode, of what is right to
         first order, and of values near by."""
-        S, precision = self.view.S, self.precision
-        ahead = self.experiment.runs[0].readings.ravel() / self.noise_model.scales[0] - self.view.model
-        starts = [self.before, self.before + np.linalg.solve(S.T @ S + precision, S.T @ ahead)]
+        S, precision = self.linearized.S, self.precision
+        ahead = self.experiment.runs[0].readings.ravel() / self.noise_model.scales[0] - self.linearized.model
+        starts = [self.prior_mean, self.prior_mean + np.linalg.solve(S.T @ S + precision, S.T @ ahead)]
         if near is not None:
-            starts.append(placed(self, {**self.values(self.before), **near}))
+            starts.append(placed(self, {**self.values(self.prior_mean), **near}))
         return refine(self, min(starts, key=self._cost), _EVALUATIONS)
 
     def _cost(self, point: np.ndarray) -> float:
@@ -169,21 +169,21 @@ class Planned(Likelihood):
 
     def log_evidence(self, near: Mapping[str, float]) -> float:
         """ln p(readings | model, old data), by Laplace, up to what all models have in common."""
-        point, cost = self.mode(near)
+        point, cost = self.find_mode(near)
         J = jacobian(self, point, self.residuals(point))
         learned = np.linalg.slogdet(J.T @ J)[1] - np.linalg.slogdet(self.precision)[1]
         return -0.5 * float(cost + learned)
 
     @functools.cached_property
-    def followed(self) -> float:
+    def predictable_duration(self) -> float:
         """For how long [s] the run keeps to first order, over what the old data leave open of the unknowns: beyond, as
         where open gaps make an impact now and then, it is chaos, and no refit finds the way."""
-        rng, view, times = np.random.default_rng(0), self.view, self.experiment.runs[0].times
+        rng, view, times = np.random.default_rng(0), self.linearized, self.experiment.runs[0].times
         kept = np.ones(len(times), bool)
         for _ in range(_TRIES):
-            step = np.linalg.solve(self._root, rng.standard_normal(len(self.before)))
-            point = np.clip(self.before + step, *bounds(self))
-            along = view.S @ (point - self.before)
+            step = np.linalg.solve(self._root, rng.standard_normal(len(self.prior_mean)))
+            point = np.clip(self.prior_mean + step, *bounds(self))
+            along = view.S @ (point - self.prior_mean)
             seen = self.predict(point, 0, self.rows[0])[0].ravel() / self.noise_model.scales[0]
             departure, distance = (
                 np.cumsum(np.sum(part.reshape(len(times), -1) ** 2, axis=1))
@@ -195,7 +195,7 @@ class Planned(Likelihood):
 
 
 @dataclass(frozen=True, eq=False)
-class View:
+class LinearizedRun:
     """A model in a planned run, to first order: names of the unknowns (D,), times of the readings (R,), the model
     over the noise (R,), its derivatives S (R, D), and the unknowns' precision beforehand, C⁻¹ (D, D)."""
 
@@ -205,19 +205,19 @@ class View:
     S: np.ndarray
     precision: np.ndarray
 
-    def until(self, duration: float) -> View:
+    def until(self, duration: float) -> LinearizedRun:
         """The first so many seconds of the run."""
         rows = self.times <= duration
-        return View(self.names, self.times[rows], self.model[rows], self.S[rows], self.precision)
+        return LinearizedRun(self.names, self.times[rows], self.model[rows], self.S[rows], self.precision)
 
 
-def log_bayes(true: Planned, other: Planned, duration: float) -> float:
+def expected_log_bayes(true: PlannedRun, other: PlannedRun, duration: float) -> float:
     """Expected log Bayes factor of the true model over another in the first so many seconds, to first order.
 
     Both predict normal readings, N(f, 1 + S C Sᵀ); it is the Kullback–Leibler divergence between them,
     ½ (tr Σ'⁻¹Σ − R + dᵀ Σ'⁻¹ d + ln det Σ'/det Σ), d the difference of their means.
     """
-    own, view = true.view.until(duration), other.view.until(duration)
+    own, view = true.linearized.until(duration), other.linearized.until(duration)
     d = own.model - view.model
     G, G_, X = own.S.T @ own.S, view.S.T @ view.S, view.S.T @ own.S
     after, C = np.linalg.inv(G_ + view.precision), np.linalg.inv(own.precision)

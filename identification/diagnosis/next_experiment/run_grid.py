@@ -6,8 +6,8 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from identification.diagnosis.next_experiment.planned_run import Instrument, Planned, Setting
-from identification.diagnosis.selection.model_comparison import CLOSE
+from identification.diagnosis.next_experiment.planned_run import Instrument, PlannedRun, Setting
+from identification.diagnosis.selection.model_comparison import EQUIVALENT_LOG_ODDS
 from identification.inference.fit_result import Fitted
 from identification.inference.impossible_model import ImpossibleModelError
 from identification.progress import Progress
@@ -22,10 +22,10 @@ _SHAPES = 2
 _LONGER, _ENOUGH = 0.1, 1e4
 
 #: What models in a planned run tell in so many seconds: a number for each pair of them, or one of λ.
-Told = Callable[[list[Planned], float], np.ndarray]
+Information = Callable[[list[PlannedRun], float], np.ndarray]
 
 
-def described(setting: Setting, duration: float) -> str:
+def describe_run(setting: Setting, duration: float) -> str:
     """A plan in a few words."""
     lifted = f", {setting.lifted} released" if setting.bobs > 1 else " released"
     bobs = f"{setting.bobs} bob{'s' if setting.bobs > 1 else ''}"
@@ -33,8 +33,8 @@ def described(setting: Setting, duration: float) -> str:
     return f"{bobs}{lifted} at {setting.angle:g} rad{delta}, {duration:g} s"
 
 
-def searched(
-    models: Sequence[Fitted], instrument: Instrument, told: Told, tell: Progress
+def search_grid(
+    models: Sequence[Fitted], instrument: Instrument, information: Information, progress: Progress
 ) -> dict[Setting, tuple[float, np.ndarray]]:
     """Settings with their durations and what they should tell, of each pair; the most telling first.
 
@@ -47,11 +47,11 @@ def searched(
 
     def look(settings: Sequence[Setting], stage: str) -> None:
         for k, setting in enumerate(settings):
-            tell(stage, k / len(settings), described(setting, _DURATIONS[-1]))
+            progress(stage, k / len(settings), describe_run(setting, _DURATIONS[-1]))
             if setting in found:
                 continue
             try:
-                found[setting] = _telling(models, instrument, setting, told)
+                found[setting] = _evaluate_setting(models, instrument, setting, information)
             except (ImpossibleModelError, np.linalg.LinAlgError):  # a setting that one of the models cannot be in
                 continue
 
@@ -60,13 +60,13 @@ def searched(
         look([Setting(n, k, angle, _delta(now, n, most)) for n, k in shapes], "grid")
         if found:
             break
-    best = list(dict.fromkeys((s.bobs, s.lifted) for s in ordered(found)))[:_SHAPES]
+    best = list(dict.fromkeys((s.bobs, s.lifted) for s in rank_settings(found)))[:_SHAPES]
     grid = []
     for n, k in best:
         deltas = [_delta(now, n, most)] if n == 1 or fixed else [_delta(now, n, most), *_DELTAS]
         grid += [Setting(n, k, angle, delta) for angle in _ANGLES for delta in dict.fromkeys(deltas)]
     look(grid, "grid, closer")
-    return {setting: found[setting] for setting in ordered(found)}
+    return {setting: found[setting] for setting in rank_settings(found)}
 
 
 def _delta(now: float | tuple[float, ...], bobs: int, most: int) -> float | tuple[float, ...]:
@@ -74,24 +74,24 @@ def _delta(now: float | tuple[float, ...], bobs: int, most: int) -> float | tupl
     return now if bobs == most or not isinstance(now, tuple) else float(np.mean(now))
 
 
-def ordered(found: dict[Setting, tuple[float, np.ndarray]]) -> list[Setting]:
+def rank_settings(found: dict[Setting, tuple[float, np.ndarray]]) -> list[Setting]:
     """By the least of the pairs that any setting tells apart, of all where none does."""
     if not found:
         return []
-    apart = np.max([value for _, value in found.values()], axis=0) >= CLOSE
+    apart = np.max([value for _, value in found.values()], axis=0) >= EQUIVALENT_LOG_ODDS
     apart = apart if apart.any() else ~apart
     return sorted(found, key=lambda setting: -float(found[setting][1][apart].min()))
 
 
-def _telling(
-    models: Sequence[Fitted], instrument: Instrument, setting: Setting, told: Told
+def _evaluate_setting(
+    models: Sequence[Fitted], instrument: Instrument, setting: Setting, information: Information
 ) -> tuple[float, np.ndarray]:
     """(duration, what the run tells): the shortest run that tells nearly as much as the longest that can be
     followed."""
     run = instrument.run(setting, _DURATIONS[-1])
-    planned = [Planned(model, run) for model in models]
-    followed = min(model.followed for model in planned)
-    values = [told(planned, duration) for duration in _DURATIONS if duration <= followed]
+    planned = [PlannedRun(model, run) for model in models]
+    followed = min(model.predictable_duration for model in planned)
+    values = [information(planned, duration) for duration in _DURATIONS if duration <= followed]
     if not values:
         raise ImpossibleModelError(f"no model follows this run beyond {followed:g} s")
     wanted = min((1.0 - _LONGER) * values[-1].min(), _ENOUGH)

@@ -14,7 +14,7 @@ from scipy.optimize import least_squares
 
 from cradle_env.cradle import Cradle
 from cradle_env.threads import in_threads
-from identification.diagnosis.residuals.windows import divided
+from identification.diagnosis.residuals.windows import equal_edges
 from identification.experiment.run import Run
 from identification.inference.fit_result import Fitted, Readings
 from identification.inference.least_squares import bounds, safe_residuals, steps
@@ -28,12 +28,12 @@ _WIDTH, _EVALUATIONS = 3.0, 12
 _GOING_ON = ("string_creep", "frame_compliance")
 
 
-def can_be_cut(cradle: Cradle) -> bool:
+def can_be_segmented(cradle: Cradle) -> bool:
     """Whether a window can begin anew: with what goes on beside the motion of the bobs, none can."""
     return not any(map(cradle.has, _GOING_ON))
 
 
-def windowed(fitted: Fitted) -> Fitted:
+def fit_multiple_shooting(fitted: Fitted) -> Fitted:
     """The model refitted to its readings cut into windows: each begins with a state of its own, inferred, near that
     of the model; the first of a run that begins with a release keeps it. Offsets of rest stay as fitted."""
     experiment, likelihood = fitted.experiment, fitted.likelihood
@@ -43,8 +43,8 @@ def windowed(fitted: Fitted) -> Fitted:
     for k, (run, rows) in enumerate(zip(experiment.runs, likelihood.rows, strict=True)):
         if not rows.any():
             continue
-        edges = _edges(run.times[rows], _WIDTH * fitted.cradle.period)
-        states = _states(fitted, k, edges[:-1])
+        edges = _segment_edges(run.times[rows], _WIDTH * fitted.cradle.period)
+        states = _start_states(fitted, k, edges[:-1])
         rest = np.array([fitted.values.get(f"rest[{i + 1}]@{k + 1}", 0.0) for i in range(fitted.cradle.bobs)])
         for number, (low, high) in enumerate(itertools.pairwise(edges)):
             inside = rows & (run.times >= low) & (run.times < high)
@@ -69,16 +69,16 @@ def windowed(fitted: Fitted) -> Fitted:
     reached = least_squares(
         lambda point: safe_residuals(view, point, length),
         start,
-        lambda point: _jacobian(view, point),  # type: ignore[arg-type]  # a function, which SciPy's stubs do not know of
+        lambda point: _segment_jacobian(view, point),  # type: ignore[arg-type]  # a function, which SciPy's stubs do not know of
         (low - 1e-12, high + 1e-12),
         x_scale=steps(view),
         max_nfev=_EVALUATIONS,
     )
-    return Windowed(view, reached.x, tuple(origins))
+    return MultipleShootingFit(view, reached.x, tuple(origins))
 
 
 @dataclass(frozen=True, eq=False)
-class Windowed(Fitted):
+class MultipleShootingFit(Fitted):
     """A fit with start states of each window, whose derivatives are all had at once; origins: the run of each."""
 
     origins: tuple[int, ...]
@@ -86,10 +86,10 @@ class Windowed(Fitted):
     @functools.cached_property
     def jacobian(self) -> np.ndarray:
         """Derivatives of the residuals with respect to the sampled coordinates, (R + P, D)."""
-        return _jacobian(self.likelihood, self.point)
+        return _segment_jacobian(self.likelihood, self.point)
 
 
-def _jacobian(likelihood: Likelihood, point: np.ndarray) -> np.ndarray:
+def _segment_jacobian(likelihood: Likelihood, point: np.ndarray) -> np.ndarray:
     """`fit.jacobian`, the same quantity of all windows moved at once: each moves its own readings and prior alone."""
     base, width, run = likelihood.residuals(point), steps(likelihood), Readings.of(likelihood).run
     priors = len(run) + np.cumsum([not math.isnan(u.sd) for u in likelihood.unknowns]) - 1
@@ -113,12 +113,12 @@ def _jacobian(likelihood: Likelihood, point: np.ndarray) -> np.ndarray:
     return J
 
 
-def _edges(times: np.ndarray, width: float) -> np.ndarray:
+def _segment_edges(times: np.ndarray, width: float) -> np.ndarray:
     """Where windows begin, and past the end of the last; readings (T,) [s]."""
-    return np.append(divided(times[0], times[-1], width)[:-1], np.inf)
+    return np.append(equal_edges(times[0], times[-1], width)[:-1], np.inf)
 
 
-def _states(fitted: Fitted, index: int, starts: np.ndarray) -> list[dict[str, float]]:
+def _start_states(fitted: Fitted, index: int, starts: np.ndarray) -> list[dict[str, float]]:
     """Of run `index` at each time [s], the model's state by the names of the unknowns of a free start."""
     motion = fitted.likelihood.motion(fitted.values, index, starts)
     cradle = motion.cradle

@@ -11,18 +11,18 @@ _FINE, _LEAST, _FASTEST = 4, 2.0, 4.0
 _TOGETHER = 64
 
 
-def frequencies(duration: float, period: float) -> np.ndarray:
+def frequency_grid(duration: float, period: float) -> np.ndarray:
     """Those at which a line [Hz] is looked for, (F,), in readings that last so long [s]; () where they are too short.
     Neighbours differ by a quarter of what such readings tell apart: in between, a line loses at most 5 % of its χ²."""
     return np.arange(_LEAST * _FINE, _FASTEST * _FINE * duration / period) / (_FINE * duration)
 
 
-def independent(found: np.ndarray) -> float:
+def count_independent(found: np.ndarray) -> float:
     """How many of such frequencies readings tell apart."""
     return max(1.0, len(found) / _FINE)
 
 
-def power(times: np.ndarray, residuals: np.ndarray, found: np.ndarray) -> np.ndarray:
+def line_power(times: np.ndarray, residuals: np.ndarray, found: np.ndarray) -> np.ndarray:
     """χ² that a cosine and a sine at each of these frequencies (F,) [Hz] save of residuals (R,) or (R, M) read at times
     (R,) [s], the same of all bobs: (F,) or (F, M). Of white noise each is χ² with two degrees of freedom."""
     instants, row = np.unique(times, return_inverse=True)

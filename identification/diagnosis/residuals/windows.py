@@ -21,7 +21,7 @@ _APART = 0.3
 
 
 @dataclass(frozen=True, eq=False)
-class Motion:
+class ModelMotion:
     """The fitted model at the readings of one run, (R',) each: rows among the residuals, bob (from 0), time [s] in the
     file, θ [rad], θ̇ over the small-angle frequency [rad], and whether an impact of that bob is near."""
 
@@ -30,7 +30,7 @@ class Motion:
     time: np.ndarray
     theta: np.ndarray
     speed: np.ndarray
-    near: np.ndarray
+    near_impact: np.ndarray
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,12 +47,12 @@ class Window:
     sd: float
 
 
-def motions(fitted: Fitted) -> list[Motion]:
+def model_motions(fitted: Fitted) -> list[ModelMotion]:
     """The fitted model at the readings of each run that has any."""
     return [_motion(fitted, int(k)) for k in np.unique(fitted.readings.run)]
 
 
-def _motion(fitted: Fitted, index: int) -> Motion:
+def _motion(fitted: Fitted, index: int) -> ModelMotion:
     likelihood, at = fitted.likelihood, fitted.readings
     rows = np.flatnonzero(at.run == index)
     times, row = np.unique(at.time[rows], return_inverse=True)
@@ -67,32 +67,32 @@ def _motion(fitted: Fitted, index: int) -> Motion:
             after_it = np.abs(instants - hits[np.minimum(after, len(hits) - 1)])
             near |= (bob == i) & (np.minimum(before_it, after_it)[row] < _NEAR)
     speed = run.theta_dot[row, bob] * cradle.period / (2.0 * np.pi)
-    return Motion(rows, bob, at.time[rows], run.theta[row, bob], speed, near)
+    return ModelMotion(rows, bob, at.time[rows], run.theta[row, bob], speed, near)
 
 
-def windows(fitted: Fitted) -> list[Window]:
+def start_state_windows(fitted: Fitted) -> list[Window]:
     """All windows of all runs."""
     found = []
     for index in np.unique(fitted.readings.run):
-        found += _of_run(fitted, int(index))
+        found += _windows_of_run(fitted, int(index))
     return found
 
 
-def edges(fitted: Fitted, index: int) -> np.ndarray:
+def window_edges(fitted: Fitted, index: int) -> np.ndarray:
     """Times [s] in the file of a run at which its windows begin, and the end of the last."""
     time = fitted.readings.time[fitted.readings.run == index]
-    return divided(float(time.min()), float(time.max()), _WIDTH * fitted.cradle.period)
+    return equal_edges(float(time.min()), float(time.max()), _WIDTH * fitted.cradle.period)
 
 
-def divided(begin: float, end: float, width: float) -> np.ndarray:
+def equal_edges(begin: float, end: float, width: float) -> np.ndarray:
     """Ends of equal windows, about so wide, between two times [s]."""
     return np.linspace(begin, end, max(1, round((end - begin) / width)) + 1)
 
 
-def _of_run(fitted: Fitted, index: int) -> list[Window]:
+def _windows_of_run(fitted: Fitted, index: int) -> list[Window]:
     likelihood, at, run = fitted.likelihood, fitted.readings, fitted.experiment.runs[index]
     values, cradle = fitted.values, likelihood.cradle(fitted.values, run)
-    ends, found = edges(fitted, index), []
+    ends, found = window_edges(fitted, index), []
     noise = likelihood.noise_model.weights[index] / (1.0 if run.quantity == "theta" else cradle.length)
     omega = 2.0 * np.pi / cradle.period
     steps = _APART * noise * np.array([1.0] * cradle.bobs + [omega] * cradle.bobs)

@@ -16,7 +16,7 @@ from identification.inference.impossible_model import raises_impossible
 
 Values = Mapping[str, Any]
 #: Effects that are in question together.
-Names = tuple[str, ...]
+EffectNames = tuple[str, ...]
 
 #: Factors of the scale at which the parameters that mean nothing at zero strength are tried.
 _GRID = (1.0, 1.0 / 3.0, 3.0)
@@ -33,12 +33,12 @@ class Candidate:
     name: str
     effects: tuple[str, ...]
     unknown: tuple[str, ...]
-    alike: bool = False
+    shared: bool = False
 
     @property
     def label(self) -> str:
         """Its name, as reports and figures have it."""
-        return f"{self.name}, all alike" if self.alike else self.name
+        return f"{self.name}, all alike" if self.shared else self.name
 
     @property
     def declaration(self) -> Effect:
@@ -46,7 +46,7 @@ class Candidate:
         return effect(self.name)
 
 
-def candidates(cradle: Cradle) -> list[Candidate]:
+def list_candidates(cradle: Cradle) -> list[Candidate]:
     """All known effects that the cradle does not have, and that can matter to it; one with a value per bob or gap
     also with all of them alike, which comes first."""
     found = []
@@ -56,21 +56,21 @@ def candidates(cradle: Cradle) -> list[Candidate]:
         chain = tuple(name for name in _chain(declared) if not cradle.has(name))
         if any(p.each and not p.balanced and p.count(cradle.bobs) > 1 for p in declared.parameters):
             same = tuple(f"{declared.name}.{p.key}" + ("[*]" if p.each else "") for p in declared.parameters)
-            found.append(Candidate(declared.name, chain, same, alike=True))
+            found.append(Candidate(declared.name, chain, same, shared=True))
         unknown = (name for e in map(effect, chain) for name in e.element_names(cradle.bobs))
         found.append(Candidate(declared.name, chain, tuple(unknown)))
     return found
 
 
-def taken_from(experiment: Experiment, without: Experiment, name: str) -> Candidate:
+def candidate_of_effect(experiment: Experiment, without: Experiment, name: str) -> Candidate:
     """The candidate that an effect of this name is, in the form it has in an experiment, to one without it."""
     unknown = {*experiment.unknown_effect_parameters}
-    return next(c for c in candidates(without.cradle) if c.name == name and unknown.issuperset(c.unknown))
+    return next(c for c in list_candidates(without.cradle) if c.name == name and unknown.issuperset(c.unknown))
 
 
-def added_as(cradle: Cradle, candidate: Candidate) -> Candidate:
+def matching_candidate(cradle: Cradle, candidate: Candidate) -> Candidate:
     """A candidate of one cradle as that of another, which may have some of what it requires."""
-    return next(c for c in candidates(cradle) if c.label == candidate.label)
+    return next(c for c in list_candidates(cradle) if c.label == candidate.label)
 
 
 def _matters_alone(declared: Effect) -> bool:

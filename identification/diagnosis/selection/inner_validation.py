@@ -6,7 +6,7 @@ from __future__ import annotations
 import dataclasses
 import math
 
-from identification.diagnosis.selection.search import Searcher, finished, fit_key
+from identification.diagnosis.selection.search import Searcher, fit_key, refine_to_mode
 from identification.experiment.experiment import Experiment
 from identification.experiment.train_test import training_rows
 from identification.inference import nonsmooth
@@ -20,10 +20,10 @@ _INNER = 2.0 / 3.0
 EQUAL = 0.01
 #: The gap from which on a model leaves far more than noise; and how much larger the gap of a prediction than that of
 #: the fit may be where the two are still in step.
-FAR, _IN_STEP = math.sqrt(nonsmooth.FAR), 2.0
+MISSPECIFIED_GAP, _IN_STEP = math.sqrt(nonsmooth.FAR), 2.0
 
 
-def inner(experiment: Experiment) -> Experiment:
+def hold_out_last_third(experiment: Experiment) -> Experiment:
     """The training part alone, the last third of its time held out."""
     runs = []
     for run, rows in zip(experiment.runs, training_rows(experiment)[0], strict=True):
@@ -40,13 +40,13 @@ def predictions(without: Fitted, refit: Fitted, searcher: Searcher) -> tuple[flo
 
     None near the noise, or where the model without predicts out of step.
     """
-    if refit.training_gap() < FAR:
+    if refit.training_gap() < MISSPECIFIED_GAP:
         return None
-    before, gap = gap_within(without, searcher)
-    return None if gap > _IN_STEP * before.training_gap() else (gap, gap_within(refit, searcher)[1])
+    before, gap = validate_inner(without, searcher)
+    return None if gap > _IN_STEP * before.training_gap() else (gap, validate_inner(refit, searcher)[1])
 
 
-def gap_within(fitted: Fitted, searcher: Searcher) -> tuple[Fitted, float]:
+def validate_inner(fitted: Fitted, searcher: Searcher) -> tuple[Fitted, float]:
     """The model fitted to the first two thirds, and the gap of its prediction; inf where that ends before the readings
     do."""
     within = _fitted_within(fitted, searcher)
@@ -59,12 +59,12 @@ def gap_within(fitted: Fitted, searcher: Searcher) -> tuple[Fitted, float]:
 def refuted(fitted: Fitted) -> bool:
     """Whether a model that comes near the noise predicts what was held out worse than a right one does but once in a
     hundred times."""
-    return fitted.training_gap() <= FAR and fitted.held_out_gap() > fitted.allowed_gap
+    return fitted.training_gap() <= MISSPECIFIED_GAP and fitted.held_out_gap() > fitted.allowed_gap
 
 
 def _fitted_within(fitted: Fitted, searcher: Searcher) -> Fitted:
     """The model fitted to the first two thirds, from where it has its mode."""
-    likelihood = searcher.likelihood(inner(fitted.experiment))
+    likelihood = searcher.likelihood(hold_out_last_third(fitted.experiment))
     key = fit_key("inner", likelihood.experiment, fitted.point.tolist())
     start = placed(likelihood, fitted.values)
-    return Fitted(likelihood, searcher.store.point(key, lambda: finished(likelihood, start, thorough=True)))
+    return Fitted(likelihood, searcher.store.point(key, lambda: refine_to_mode(likelihood, start, thorough=True)))

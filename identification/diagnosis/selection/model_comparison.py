@@ -19,9 +19,9 @@ import numpy as np
 from cradle_env.effects.added_mass import added_mass
 from cradle_env.effects.clock_scale import clock_scale
 from cradle_env.effects.length_mismatch import length_mismatch
-from identification.diagnosis.selection.candidates import Candidate, candidates
-from identification.diagnosis.selection.inner_validation import EQUAL, FAR, predictions, refuted
-from identification.diagnosis.selection.score_test import Scored, family_p, surprise_of
+from identification.diagnosis.selection.candidates import Candidate, list_candidates
+from identification.diagnosis.selection.inner_validation import EQUAL, MISSPECIFIED_GAP, predictions, refuted
+from identification.diagnosis.selection.score_test import ScoreTest, family_p, gain_neg_log10_p
 from identification.diagnosis.selection.search import Searcher, only_noise
 from identification.diagnosis.selection.start_values import standing_in
 from identification.inference.fit_result import Fitted
@@ -30,9 +30,9 @@ from identification.inference.least_squares import SEVERAL
 from identification.progress import Progress
 
 #: Chance, over all candidates, at which one is accepted.
-ALPHA = 0.01
+SIGNIFICANCE_LEVEL = 0.01
 #: Candidates within so many units of log evidence of the best cannot be told apart from it.
-CLOSE = 3.0
+EQUIVALENT_LOG_ODDS = 3.0
 #: How many of the candidates with parameters are refitted, and from which surprise on; the share of the best one's
 #: gain in χ² that others must come near to be fitted to the end, and the χ² within which of the best they always are.
 _REFITS, _WORTH, _NEAR, _ALWAYS = 8, 1.0, 0.3, 100.0
@@ -68,7 +68,7 @@ class Decision:
 
 
 def decide(
-    fitted: Fitted, scored: Scored, searcher: Searcher, tell: Progress, exhaust: bool = True,
+    fitted: Fitted, scored: ScoreTest, searcher: Searcher, tell: Progress, exhaust: bool = True,
     also: Sequence[Candidate] = (),
 ) -> Decision:  # fmt: skip
     """Refits the candidates worth it, and those given also, and decides between them and none. Asked to exhaust them,
@@ -77,14 +77,14 @@ def decide(
     tried = dict.fromkeys([*worth_refitting(scored), *also])
     fits = refitted(fitted, list(tried), scored, searcher, tell)
     decision = _decision(fitted, fits, scored, searcher)
-    if decision.chosen is not None or fitted.training_gap() > FAR or not exhaust:
+    if decision.chosen is not None or fitted.training_gap() > MISSPECIFIED_GAP or not exhaust:
         return decision
     left = [s.candidate for s in scored.scores if s.directions and s.candidate not in fits]
     fits |= refitted(fitted, left, scored, searcher, tell)
     return _decision(fitted, fits, scored, searcher)
 
 
-def beside(fitted: Fitted, scored: Scored, other: Fitted, searcher: Searcher, tell: Progress) -> Decision:
+def beside(fitted: Fitted, scored: ScoreTest, other: Fitted, searcher: Searcher, tell: Progress) -> Decision:
     """Refits all candidates that bring no others, from where another model has its mode, far above which none is
     fitted to the end; decides between them and none."""
     fits, enough = {}, other.chi2 + _ALWAYS * other.unit
@@ -93,7 +93,7 @@ def beside(fitted: Fitted, scored: Scored, other: Fitted, searcher: Searcher, te
             tell("exchange", i / len(scored.scores), f"{s.candidate.label} alone")
             try:
                 likely = [*s.likely, *standing_in(fitted, other, s.candidate)]
-                fits[s.candidate] = searcher.adding_beside(fitted, s.candidate, other, likely, enough)
+                fits[s.candidate] = searcher.fit_with_candidate_from_mode(fitted, s.candidate, other, likely, enough)
             except ImpossibleModelError:
                 continue
     return _decision(fitted, fits, scored, searcher, other)
@@ -104,45 +104,45 @@ def of_the_period(fitted: Fitted, searcher: Searcher, tell: Progress) -> dict[Ca
     hardly tell one from another; the first from anywhere, the others from there. κ sets the period, too, and of many
     bobs it has so many modes that one far away may make up for the change and leave little more than noise; from there
     first order foretells nothing of it."""
-    by_name = {c.name: c for c in reversed(candidates(fitted.cradle))}  # those with one value for all come first
+    by_name = {c.name: c for c in reversed(list_candidates(fitted.cradle))}  # those with one value for all come first
     modes = fitted.cradle.bobs >= SEVERAL and "kappa" in fitted.likelihood.names
-    if not modes or not by_name.keys() >= {*_PERIOD} or fitted.training_gap() > FAR:
+    if not modes or not by_name.keys() >= {*_PERIOD} or fitted.training_gap() > MISSPECIFIED_GAP:
         return {}
     clock, *others = (by_name[name] for name in _PERIOD)
     tell("refit", 0.0, f"{clock.label} from anywhere")
     try:
-        first = searcher.anywhere(fitted, clock)
+        first = searcher.fit_global_with(fitted, clock)
     except ImpossibleModelError:  # from these draws nowhere
         return {}
     fits = {clock: first}
-    if fitted.chi2 - first.chi2 > 2.0 * CLOSE * fitted.unit:
+    if fitted.chi2 - first.chi2 > 2.0 * EQUIVALENT_LOG_ODDS * fitted.unit:
         for candidate in others:
             with contextlib.suppress(ImpossibleModelError):
-                fits[candidate] = searcher.adding_beside(
+                fits[candidate] = searcher.fit_with_candidate_from_mode(
                     fitted, candidate, first, standing_in(fitted, first, candidate)
                 )
     return fits
 
 
 def hidden(
-    fitted: Fitted, known: dict[Candidate, Fitted], scored: Scored, searcher: Searcher, tell: Progress
+    fitted: Fitted, known: dict[Candidate, Fitted], scored: ScoreTest, searcher: Searcher, tell: Progress
 ) -> Decision:  # fmt: skip
     """What a model that leaves no more than noise may have hidden by a wrong mode: decides between known fits with a
     candidate more, what looks the same, and none, which stands unless another is clearly more probable."""
     decision = _decision(fitted, _alike(fitted, known, scored, searcher, tell), scored, searcher)
-    if decision.chosen is not None and decision.chosen.log_evidence <= CLOSE:
+    if decision.chosen is not None and decision.chosen.log_evidence <= EQUIVALENT_LOG_ODDS:
         return dataclasses.replace(decision, chosen=None, probability=0.0)
     return decision
 
 
 def from_anywhere(
-    fitted: Fitted, decision: Decision, scored: Scored, searcher: Searcher, tell: Progress,
+    fitted: Fitted, decision: Decision, scored: ScoreTest, searcher: Searcher, tell: Progress,
     enough: Callable[[Fitted], bool] = only_noise,
 ) -> Decision:  # fmt: skip
     """A decision again, after searches from anywhere for the models with each of its candidates, the most probable
     first, until one is enough: from where the model without it has its mode, refits may not find the right one. Far
     above the noise the same decision, for there no one candidate is all that is missing."""
-    if fitted.training_gap() > FAR:
+    if fitted.training_gap() > MISSPECIFIED_GAP:
         return decision
     fits = {refit.candidate: searcher.best(refit.fitted) for refit in decision.refits}
     for i, candidate in enumerate(fits):
@@ -150,13 +150,13 @@ def from_anywhere(
             break
         tell("refit", i / len(fits), f"{candidate.label} from anywhere")
         try:
-            fits[candidate] = searcher.globally(fits[candidate].experiment)
+            fits[candidate] = searcher.fit_global(fits[candidate].experiment)
         except ImpossibleModelError:
             continue
     return again(fitted, decision, scored, searcher, tell)
 
 
-def again(fitted: Fitted, decision: Decision, scored: Scored, searcher: Searcher, tell: Progress) -> Decision:
+def again(fitted: Fitted, decision: Decision, scored: ScoreTest, searcher: Searcher, tell: Progress) -> Decision:
     """A decision again, by the best fits known by now, what looks the same refitted from where the best has its
     mode."""
     fits = {refit.candidate: searcher.best(refit.fitted) for refit in decision.refits}
@@ -164,7 +164,7 @@ def again(fitted: Fitted, decision: Decision, scored: Scored, searcher: Searcher
 
 
 def that_stands(
-    fitted: Fitted, decision: Decision, scored: Scored, searcher: Searcher, tell: Progress
+    fitted: Fitted, decision: Decision, scored: ScoreTest, searcher: Searcher, tell: Progress
 ) -> Decision:  # fmt: skip
     """A decision again, after searches from anywhere, between those candidates alone with which a model leaves only
     noise and predicts what was held out."""
@@ -179,7 +179,7 @@ def _stands(fitted: Fitted) -> bool:
 
 
 def _decision(
-    fitted: Fitted, fits: Mapping[Candidate, Fitted], scored: Scored, searcher: Searcher, *others: Fitted
+    fitted: Fitted, fits: Mapping[Candidate, Fitted], scored: ScoreTest, searcher: Searcher, *others: Fitted
 ) -> Decision:
     """Judges fits of a model with a candidate more, by the noise that the best of them and of others leaves."""
     best = min([*fits.values(), *others], key=lambda fit: fit.chi2, default=fitted)
@@ -187,25 +187,27 @@ def _decision(
     refits = []
     for candidate, fit in fits.items():
         try:
-            refits.append(judged(fitted, candidate, fit, scored.replicas, inflation, effective))
+            refits.append(judged(fitted, candidate, fit, scored.replicate_maxima, inflation, effective))
         except ImpossibleModelError:  # it ends where nothing was fitted: not a model of this experiment
             continue
     refits.sort(key=lambda refit: -refit.log_evidence)
     significant = _significant(refits)
     chosen = next((refit for refit in significant if _predicts(fitted, refit, searcher)), None)
-    if chosen is not None and fitted.training_gap() > FAR:
+    if chosen is not None and fitted.training_gap() > MISSPECIFIED_GAP:
         chosen = _simplest(fitted, chosen, significant, searcher)
     return Decision(tuple(refits), chosen, _probability(chosen, refits), inflation, effective)
 
 
 def _significant(refits: Sequence[Refit]) -> list[Refit]:
-    return [refit for refit in refits if refit.p < ALPHA and refit.log_evidence > 0.0]
+    return [refit for refit in refits if refit.p < SIGNIFICANCE_LEVEL and refit.log_evidence > 0.0]
 
 
 def _simplest(fitted: Fitted, best: Refit, refits: Sequence[Refit], searcher: Searcher) -> Refit:
     """Of what is about as probable as the best, that with the fewest unknowns: far above the noise evidence hangs on
     how near to its mode each model was fitted, too."""
-    near = (r for r in refits if r.unknowns < best.unknowns and best.log_evidence - r.log_evidence < CLOSE)
+    near = (
+        r for r in refits if r.unknowns < best.unknowns and best.log_evidence - r.log_evidence < EQUIVALENT_LOG_ODDS
+    )
     ordered = sorted(near, key=lambda refit: refit.unknowns)
     return next((refit for refit in ordered if _predicts(fitted, refit, searcher)), best)
 
@@ -217,7 +219,7 @@ def _predicts(fitted: Fitted, refit: Refit, searcher: Searcher) -> bool:
 
 
 def refitted(
-    fitted: Fitted, tried: Sequence[Candidate], scored: Scored, searcher: Searcher, tell: Progress
+    fitted: Fitted, tried: Sequence[Candidate], scored: ScoreTest, searcher: Searcher, tell: Progress
 ) -> dict[Candidate, Fitted]:  # fmt: skip
     """Fits of the model with each of these candidates; then from where the best has its mode."""
     fits: dict[Candidate, Fitted] = {}
@@ -226,14 +228,14 @@ def refitted(
         tell("refit", 0.5 * i / len(tried), candidate.label)
         enough = _enough(fitted, min((fit.chi2 for fit in fits.values()), default=fitted.chi2))
         try:
-            fits[candidate] = searcher.adding(fitted, candidate, likely[candidate], enough)
+            fits[candidate] = searcher.fit_with_candidate(fitted, candidate, likely[candidate], enough)
         except ImpossibleModelError:  # this effect cannot be in this cradle
             continue
     return _alike(fitted, fits, scored, searcher, tell)
 
 
 def _alike(
-    fitted: Fitted, fits: dict[Candidate, Fitted], scored: Scored, searcher: Searcher, tell: Progress
+    fitted: Fitted, fits: dict[Candidate, Fitted], scored: ScoreTest, searcher: Searcher, tell: Progress
 ) -> dict[Candidate, Fitted]:  # fmt: skip
     """Fits of the model with each of some candidates, and with what looks the same as the best or one near it, from
     where the best has its mode."""
@@ -251,7 +253,7 @@ def _alike(
             try:
                 several = standing_in(fitted, fits[best], candidate) if candidate in looks_the_same else []
                 several += likely[candidate]
-                fits[candidate] = searcher.adding_beside(fitted, candidate, fits[best], several, enough)
+                fits[candidate] = searcher.fit_with_candidate_from_mode(fitted, candidate, fits[best], several, enough)
             except ImpossibleModelError:
                 continue
     return fits
@@ -262,9 +264,9 @@ def _enough(fitted: Fitted, least: float) -> float:
     return max(fitted.chi2 - _NEAR * (fitted.chi2 - least), least + _ALWAYS * fitted.unit)
 
 
-def worth_refitting(scored: Scored) -> list[Candidate]:
+def worth_refitting(scored: ScoreTest) -> list[Candidate]:
     """The candidates with the best scores, and all that no score can judge."""
-    judged_ = [s.candidate for s in scored.scores if s.directions and s.surprise >= _WORTH]
+    judged_ = [s.candidate for s in scored.scores if s.directions and s.neg_log10_p >= _WORTH]
     return judged_[:_REFITS] + [s.candidate for s in scored.scores if not s.directions and _unscored(s.candidate)]
 
 
@@ -273,7 +275,7 @@ def _unscored(candidate: Candidate) -> bool:
 
 
 def judged(
-    fitted: Fitted, candidate: Candidate, fit: Fitted, replicas: np.ndarray, inflation: float, effective: float
+    fitted: Fitted, candidate: Candidate, fit: Fitted, replicate_maxima: np.ndarray, inflation: float, effective: float
 ) -> Refit:
     """A refit with its figures."""
     gain = fitted.chi2 - fit.chi2
@@ -281,9 +283,9 @@ def judged(
     strengths = candidate.declaration.strengths
     sided = bool(strengths) and all(p.one_sided for p in strengths)
     beyond = max(1.0, inflation / fitted.noise_inflation)  # what the replicas do not have
-    own = float(surprise_of(np.array(gain / beyond), max(more, 1), sided))
+    own = float(gain_neg_log10_p(np.array(gain / beyond), max(more, 1), sided))
     evidence = log_evidence(gain, more, inflation, effective)
-    return Refit(candidate, fit, gain, more, evidence, family_p(own, replicas), fit.held_out_gap())
+    return Refit(candidate, fit, gain, more, evidence, family_p(own, replicate_maxima), fit.held_out_gap())
 
 
 def log_evidence(gain: float, unknowns: int, inflation: float, effective: float) -> float:

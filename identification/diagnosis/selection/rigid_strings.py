@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from cradle_env.cradle import Cradle
 from identification.diagnosis.selection.candidates import without_effect
-from identification.diagnosis.selection.inner_validation import FAR
+from identification.diagnosis.selection.inner_validation import MISSPECIFIED_GAP
 from identification.diagnosis.selection.model_comparison import log_evidence
 from identification.diagnosis.selection.search import Searcher
 from identification.inference.fit_result import Fitted
@@ -12,41 +12,41 @@ from identification.inference.impossible_model import ImpossibleModelError
 from identification.progress import Progress
 
 #: The one effect of the models with unknowns of its own: κ, and where states are free three of each bob.
-ELASTIC = "radial_elasticity"
+ELASTIC_STRINGS = "radial_elasticity"
 
 
-def simpler(given: Fitted, searcher: Searcher, tell: Progress) -> Fitted:
+def choose_base_model(given: Fitted, searcher: Searcher, tell: Progress) -> Fitted:
     """The fit of the same model with rigid strings, where both are far from the data and it is the more evident; else
     the best mode of the model as it is. What has a prior, or is stated with all its values, is not taken out."""
     going, unknown = _with_dependents(given), given.experiment.unknown_effect_parameters
     known = {name.partition(".")[0] for name in given.experiment.infer}
     stated = ((name, {f"{name}.{key}" for key in values}) for name, values in given.cradle.effects.items())
     known |= {name for name, values in stated if values and values.isdisjoint(unknown)}
-    if given.training_gap() < FAR or not given.cradle.has(ELASTIC) or known & {"kappa", *going}:
+    if given.training_gap() < MISSPECIFIED_GAP or not given.cradle.has(ELASTIC_STRINGS) or known & {"kappa", *going}:
         return given
-    given = searcher.settled(given, tell)
+    given = searcher.refit_multistart(given, tell)
     tell("search", 0.0, "the model with rigid strings")
     model = given.experiment
     for name in going:
         model = without_effect(model, name)
     try:
-        rigid = searcher.globally(model, tell)
+        rigid = searcher.fit_global(model, tell)
     except ImpossibleModelError:  # no cradle at all
         return given
     inflation, effective = min((given, rigid), key=lambda one: one.chi2).coloured
     more = len(given.point) - len(rigid.point)
     evident = log_evidence(rigid.chi2 - given.chi2, more, inflation, effective) > 0.0
-    return given if evident or min(given.training_gap(), rigid.training_gap()) < FAR else rigid
+    return given if evident or min(given.training_gap(), rigid.training_gap()) < MISSPECIFIED_GAP else rigid
 
 
-def taken_out(cradle: Cradle, given: Cradle) -> list[str]:
+def removed_effects(cradle: Cradle, given: Cradle) -> list[str]:
     """Names of the effects of the cradle as given that another has not."""
     return [own.name for own in given.composition if not cradle.has(own.name)]
 
 
-def said(fitted: Fitted, given: Fitted) -> list[str]:
+def describe_removed_effects(fitted: Fitted, given: Fitted) -> list[str]:
     """What to know where that was done."""
-    names = taken_out(fitted.cradle, given.cradle)
+    names = removed_effects(fitted.cradle, given.cradle)
     more = len(given.point) - len(fitted.point)
     return [
         f"{' and '.join(names)} taken out of the model: the readings are far from what it says with or without, and "
@@ -56,7 +56,7 @@ def said(fitted: Fitted, given: Fitted) -> list[str]:
 
 def _with_dependents(fitted: Fitted) -> list[str]:
     """Elastic strings and what requires them, the last first."""
-    names = [ELASTIC]
+    names = [ELASTIC_STRINGS]
     for name in names:
         names += [own.name for own in fitted.cradle.composition if name in own.requires and own.name not in names]
     return names[::-1]

@@ -17,11 +17,11 @@ import numpy as np
 
 from cradle_env.effects import Effect
 from cradle_env.threads import in_threads
-from identification.diagnosis.residuals.residual_tests import log_tail
+from identification.diagnosis.residuals.residual_tests import chi2_log_tail
 from identification.diagnosis.selection.candidates import (
     Candidate,
     Values,
-    candidates,
+    list_candidates,
     shapes,
     with_effects,
 )
@@ -34,13 +34,13 @@ from identification.inference.start_points import flat, placed
 #: and how often it is sought.
 _STEP, _MOVED, _TRIES = 1e-2, 0.3, 8
 #: What keeps less than this share of a sensitivity after projection cannot be seen at all.
-LEAST_SEEN = 1e-4
+MIN_VISIBLE_SHARE = 1e-4
 #: Candidates whose sensitivities after projection are this parallel cannot be told apart to first order.
 PARALLEL = 0.98
 
 
 @dataclass(frozen=True, eq=False)
-class Sensed:
+class Sensitivity:
     """A shape of a candidate, and the change S of the residuals per strength [scales], (R + P, k); values(s): the
     candidate's with strengths s (k,), within bounds."""
 
@@ -49,7 +49,7 @@ class Sensed:
 
 
 @dataclass(frozen=True, eq=False)
-class Score:
+class CandidateScore:
     """One candidate's: the χ² that it would save, degrees of freedom, whether its strength has one sign, surprise
     (−log10 p of this candidate alone), p among all candidates, those it is parallel to, and directions: for each
     shape an orthonormal basis (R + P, k); likely: for each shape, its values where the χ² would be least; sensed: all
@@ -59,82 +59,82 @@ class Score:
     gain: float
     degrees: int
     one_sided: bool
-    surprise: float
+    neg_log10_p: float
     p: float
     parallel: tuple[Candidate, ...]
     directions: tuple[np.ndarray, ...]
     likely: tuple[Values, ...]
-    sensed: tuple[Sensed, ...]
+    sensitivities: tuple[Sensitivity, ...]
 
 
 @dataclass(frozen=True, eq=False)
-class Scored:
+class ScoreTest:
     """Scores, the most surprising first; p: that of the best among all; replicas: the best one's in each replicate."""
 
-    scores: tuple[Score, ...]
+    scores: tuple[CandidateScore, ...]
     p: float
     largest: float
-    replicas: np.ndarray
+    replicate_maxima: np.ndarray
 
 
-def score(fitted: Fitted, replicates: np.ndarray) -> Scored:
+def score(fitted: Fitted, replicates: np.ndarray) -> ScoreTest:
     """Scores every candidate; replicates: (R + P, M), see `Fitted.replicates`."""
     found = []
-    several = candidates(fitted.cradle)
-    all_sensed = in_threads(lambda candidate: sensitivities(fitted, candidate), several, 1)
-    replicas = np.zeros(replicates.shape[1])
-    for candidate, shapes_of in zip(several, all_sensed, strict=True):
+    several = list_candidates(fitted.cradle)
+    all_sensed = in_threads(lambda candidate: compute_sensitivities(fitted, candidate), several, 1)
+    replicate_maxima = np.zeros(replicates.shape[1])
+    for candidate, shape_unknowns in zip(several, all_sensed, strict=True):
         directions, likely = [], []
         sided = all(p.one_sided for p in candidate.declaration.strengths)
         sided = sided and bool(candidate.declaration.parameters)
         best, chance, degrees = 0.0, np.zeros(replicates.shape[1]), 1
-        for sensed in shapes_of:
-            basis = _seen(fitted, sensed.S)
+        for sensitivity in shape_unknowns:
+            basis = _seen(fitted, sensitivity.S)
             if basis is None:
                 continue
             directions.append(basis)
-            likely.append(sensed.values(np.linalg.lstsq(fitted.project(sensed.S), -fitted.residuals)[0]))
-            single = sided and sensed.S.shape[1] == 1
+            likely.append(sensitivity.values(np.linalg.lstsq(fitted.project(sensitivity.S), -fitted.residuals)[0]))
+            single = sided and sensitivity.S.shape[1] == 1
             gain = float(_gain(basis, fitted.residuals[:, None], single)[0])
             best, degrees = max(best, gain), max(degrees, basis.shape[1])
             chance = np.maximum(chance, _gain(basis, replicates, single))
-        replicas = np.maximum(replicas, surprise_of(chance, degrees, sided))
-        own = float(surprise_of(np.array(best), degrees, sided))
-        found.append((candidate, best, degrees, sided, own, tuple(likely), tuple(shapes_of), tuple(directions)))
+        replicate_maxima = np.maximum(replicate_maxima, gain_neg_log10_p(chance, degrees, sided))
+        own = float(gain_neg_log10_p(np.array(best), degrees, sided))
+        found.append((candidate, best, degrees, sided, own, tuple(likely), tuple(shape_unknowns), tuple(directions)))
     scores = [
-        Score(
+        CandidateScore(
             candidate,
             gain,
             degrees,
             sided,
             own,
-            family_p(own, replicas),
+            family_p(own, replicate_maxima),
             _parallel(candidate, found),
             directions,
             likely,
-            sensed,
+            sensitivity,
         )
-        for candidate, gain, degrees, sided, own, likely, sensed, directions in found
+        for candidate, gain, degrees, sided, own, likely, sensitivity, directions in found
     ]
-    scores.sort(key=lambda s: -s.surprise)
-    largest = scores[0].surprise if scores else 0.0
-    return Scored(tuple(scores), family_p(largest, replicas), largest, replicas)
+    scores.sort(key=lambda s: -s.neg_log10_p)
+    largest = scores[0].neg_log10_p if scores else 0.0
+    return ScoreTest(tuple(scores), family_p(largest, replicate_maxima), largest, replicate_maxima)
 
 
-def surprise_of(gain: np.ndarray, degrees: int, sided: bool) -> np.ndarray:
+def gain_neg_log10_p(gain: np.ndarray, degrees: int, sided: bool) -> np.ndarray:
     """−log10 p of a gain in χ²: half of it can be had by a strength of one sign only."""
-    tail = log_tail(np.maximum(gain, 0.0), max(degrees, 1))
+    tail = chi2_log_tail(np.maximum(gain, 0.0), max(degrees, 1))
     if sided:
         tail = tail + np.log(np.where(gain > 0.0, 0.5, 1.0))
     return -tail / np.log(10.0)
 
 
-def family_p(surprise: float, replicas: np.ndarray) -> float:
+def family_p(neg_log10_p: float, replicate_maxima: np.ndarray) -> float:
     """p of the best of all candidates: 1 − (1 − p)^n, n the number of independent ones that the replicates show."""
-    if len(replicas) == 0 or np.median(replicas) <= 0.0:
+    if len(replicate_maxima) == 0 or np.median(replicate_maxima) <= 0.0:
         return 1.0
-    number = np.log(2.0) / -np.log1p(-min(10.0 ** -float(np.median(replicas)), 1.0 - 1e-12))
-    return float(-np.expm1(max(number, 1.0) * np.log1p(-min(10.0**-surprise, 1.0 - 1e-12))))
+    number = np.log(2.0) / -np.log1p(-min(10.0 ** -float(np.median(replicate_maxima)), 1.0 - 1e-12))
+    return float(-np.expm1(max(number, 1.0) * np.log1p(-min(10.0**-neg_log10_p, 1.0 - 1e-12))))
 
 
 def _gain(basis: np.ndarray, residuals: np.ndarray, single: bool) -> np.ndarray:
@@ -150,7 +150,7 @@ def _seen(fitted: Fitted, S: np.ndarray) -> np.ndarray | None:
     lengths = np.linalg.norm(S, axis=0)
     S = S[:, lengths > 0.0] / lengths[lengths > 0.0]
     left = fitted.project(S)
-    kept = np.linalg.norm(left, axis=0) > LEAST_SEEN
+    kept = np.linalg.norm(left, axis=0) > MIN_VISIBLE_SHARE
     if not kept.any():
         return None
     if kept.sum() == 1:
@@ -170,7 +170,7 @@ def _parallel(candidate: Candidate, found: list[tuple]) -> tuple[Candidate, ...]
     return tuple(several)
 
 
-def sensitivities(fitted: Fitted, candidate: Candidate) -> list[Sensed]:
+def compute_sensitivities(fitted: Fitted, candidate: Candidate) -> list[Sensitivity]:
     """Each shape of a candidate with what its strengths change; none where impossible.
 
     An effect without parameters, or one that brings others along, is not small: it is judged by its refit alone.
@@ -180,8 +180,8 @@ def sensitivities(fitted: Fitted, candidate: Candidate) -> list[Sensed]:
     if not strengths or len(candidate.effects) > 1:
         return []
     elements = [
-        (p, element if p.each and not candidate.alike else None)
-        for p in strengths for element in range(1 if candidate.alike else p.count(bobs) - p.balanced)
+        (p, element if p.each and not candidate.shared else None)
+        for p in strengths for element in range(1 if candidate.shared else p.count(bobs) - p.balanced)
     ]  # fmt: skip
     found = []
     for shape in shapes(declared, bobs):
@@ -189,7 +189,7 @@ def sensitivities(fitted: Fitted, candidate: Candidate) -> list[Sensed]:
         seen = [(element, column) for element, column in zip(elements, columns, strict=True) if column is not None]
         if seen:
             values = functools.partial(_strong, declared, bobs, shape, [element for element, _ in seen])
-            found.append(Sensed(values, np.column_stack([column for _, column in seen])))
+            found.append(Sensitivity(values, np.column_stack([column for _, column in seen])))
     return found
 
 
@@ -207,7 +207,7 @@ def _strong(declared: Effect, bobs: int, shape: Values, elements: Sequence, fact
     return declared.balance(values)
 
 
-def change(fitted: Fitted, candidate: Candidate, values: Values) -> np.ndarray:
+def residual_change(fitted: Fitted, candidate: Candidate, values: Values) -> np.ndarray:
     """Change of the residuals by a candidate with these values, (R + P,), all else as fitted."""
     name = candidate.declaration.name
     model = with_effects(fitted.experiment, {name: values}, candidate.unknown)
@@ -225,7 +225,7 @@ def _column(fitted: Fitted, candidate: Candidate, shape: dict, parameter, elemen
     for _ in range(_TRIES):
         values = _strong(declared, bobs, shape, [(parameter, element)], np.array([step]))
         try:
-            moved = change(fitted, candidate, values)
+            moved = residual_change(fitted, candidate, values)
         except ImpossibleModelError:
             break
         size = float(np.sqrt(np.mean(moved[: fitted.count] ** 2)))

@@ -37,15 +37,15 @@ _FOLLOWED, _FIRST, _KEPT, _LAST, _FEW = 3, 6, 2, 40, 2
 #: Searches from anywhere at most until two agree on a mode, and standard deviations of χ² that noise alone may leave.
 _ATTEMPTS, _NOISE = 4, 1.0
 #: How the result of long work, a vector, is kept: the key of the work, and the work.
-Keep = Callable[[str, Callable[[], np.ndarray]], np.ndarray]
+PointCache = Callable[[str, Callable[[], np.ndarray]], np.ndarray]
 
 
-def at_once(_: str, find: Callable[[], np.ndarray]) -> np.ndarray:
+def compute_uncached(_: str, find: Callable[[], np.ndarray]) -> np.ndarray:
     """What is found, kept nowhere."""
     return find()
 
 
-class Store:
+class FitCache:
     """Points of finished fits by what was fitted, in a file (None: in memory only). inputs: "program/data", of which
     fits of other data are refused (ExperimentError), and those by another program made anew."""
 
@@ -63,7 +63,7 @@ class Store:
             self.points = points if known["inputs"] == inputs else {}  # of another program: begin anew
 
     @classmethod
-    def of(cls, out: str | Path | None, experiment: Experiment, seed: int) -> Store:
+    def of(cls, out: str | Path | None, experiment: Experiment, seed: int) -> FitCache:
         """That of an experiment in folder `out` (None: in memory); fits by other code are not taken over."""
         path = None if out is None else Path(out) / "fits.json"
         return cls(path, f"{program(known_effects())}/{experiment.digest}/{seed}")
@@ -84,11 +84,11 @@ class Store:
 class Searcher:
     """Fits to the training part, or to all that may be fitted; each is done once, and of a model the best is kept."""
 
-    def __init__(self, store: Store, seed: int, workers: int | None):
+    def __init__(self, store: FitCache, seed: int, workers: int | None):
         self.store, self.seed, self.workers = store, seed, workers
         self._best: dict[str, Fitted] = {}
 
-    def globally(self, experiment: Experiment, tell: Progress | None = None) -> Fitted:
+    def fit_global(self, experiment: Experiment, tell: Progress | None = None) -> Fitted:
         """The best mode of a model, from anywhere."""
         return self.best(self._search(experiment, tell))
 
@@ -102,11 +102,11 @@ class Searcher:
 
         return Fitted(likelihood, self.store.point(key, find))
 
-    def anywhere(self, fitted: Fitted, candidate: Candidate) -> Fitted:
+    def fit_global_with(self, fitted: Fitted, candidate: Candidate) -> Fitted:
         """The best mode of a model with a candidate added, from anywhere."""
-        return self.globally(self._with(fitted, candidate).experiment)
+        return self.fit_global(self._with(fitted, candidate).experiment)
 
-    def settled(self, fitted: Fitted, tell: Progress | None = None) -> Fitted:
+    def refit_multistart(self, fitted: Fitted, tell: Progress | None = None) -> Fitted:
         """The best mode of a model again, with more effort: searches from anywhere until one comes to the same χ² as
         the best so far, for modes multiply with the bobs; then the modes about what is best by now, which may come
         from elsewhere."""
@@ -124,7 +124,7 @@ class Searcher:
         point = self.store.point(key, lambda: among_modes(best.likelihood, best.point))
         return self.best(Fitted(best.likelihood, point))
 
-    def nearby(self, experiment: Experiment, values: Mapping[str, float]) -> Fitted:
+    def fit_from_values(self, experiment: Experiment, values: Mapping[str, float]) -> Fitted:
         """The best mode known of a model, or that which is reached from these values of its unknowns."""
         known = self._best.get(fit_key("best", experiment))
         if known is not None:
@@ -132,21 +132,21 @@ class Searcher:
         likelihood = self.likelihood(experiment)
         key = fit_key("nearby", experiment, sorted(values.items()))
         point = placed(likelihood, values)
-        return self.best(Fitted(likelihood, self.store.point(key, lambda: finished(likelihood, point))))
+        return self.best(Fitted(likelihood, self.store.point(key, lambda: refine_to_mode(likelihood, point))))
 
-    def on_everything(self, fitted: Fitted) -> Fitted:
+    def fit_all_data(self, fitted: Fitted) -> Fitted:
         """The fit moved to all readings that may be fitted, which choose nothing any more; with a law, whose terms go
         with their mode of the other unknowns, to no other mode."""
         likelihood = Likelihood(fitted.experiment, None, self.workers)
         key = fit_key("on everything", fitted.experiment, fitted.point.tolist())
 
         def find() -> np.ndarray:
-            point = finished(likelihood, fitted.point)
+            point = refine_to_mode(likelihood, fitted.point)
             return point if fitted.learned else among_modes(likelihood, point)
 
         return Fitted(likelihood, self.store.point(key, find))
 
-    def adding(
+    def fit_with_candidate(
         self, fitted: Fitted, candidate: Candidate, likely: Sequence[Values] = (), enough: float = math.inf
     ) -> Fitted:
         """The best fit of the model with a candidate added: from the mode without it and from what was stated, at
@@ -170,7 +170,7 @@ class Searcher:
         key = fit_key("adding", likelihood.experiment, fitted.point.tolist(), self.seed, begun, enough)
         return self.best(Fitted(likelihood, self.store.point(key, find)))
 
-    def adding_beside(
+    def fit_with_candidate_from_mode(
         self, fitted: Fitted, candidate: Candidate, other: Fitted, likely: Sequence[Values] = (),
         enough: float = math.inf,
     ) -> Fitted:  # fmt: skip
@@ -179,7 +179,7 @@ class Searcher:
         fit that is far from a χ² of `enough` is left unfinished."""
         own, likelihood = candidate.declaration, self._with(fitted, candidate)
         if not own.parameters or len(candidate.effects) > 1:
-            return self.adding(fitted, candidate)
+            return self.fit_with_candidate(fitted, candidate)
         several = [*starts(own, fitted.cradle.bobs, _FACTORS), *likely]
         tried = [placed(likelihood, {**other.values, **flat(own.name, values)}) for values in several]
         begun = [sorted(flat(own.name, values).items()) for values in likely]
@@ -187,11 +187,11 @@ class Searcher:
         point = self.store.point(key, lambda: best_of(likelihood, tried, early_too=False, enough=enough))
         return self.best(Fitted(likelihood, point))
 
-    def beside(self, fitted: Fitted, other: Fitted) -> Fitted:
+    def fit_from_mode(self, fitted: Fitted, other: Fitted) -> Fitted:
         """The best fit of a model, once more: from where another model has its mode."""
         likelihood, point = fitted.likelihood, placed(fitted.likelihood, other.values)
         key = fit_key("beside", fitted.experiment, other.point.tolist())
-        return self.best(Fitted(likelihood, self.store.point(key, lambda: finished(likelihood, point))))
+        return self.best(Fitted(likelihood, self.store.point(key, lambda: refine_to_mode(likelihood, point))))
 
     def _with(self, fitted: Fitted, candidate: Candidate) -> Likelihood:
         """The likelihood of the model with a candidate added, at its scale."""
@@ -248,7 +248,7 @@ def best_of(
     return polish(likelihood, min(ends, key=lambda pair: pair[1])[0])
 
 
-def finished(likelihood: Likelihood, point: np.ndarray, thorough: bool = False) -> np.ndarray:
+def refine_to_mode(likelihood: Likelihood, point: np.ndarray, thorough: bool = False) -> np.ndarray:
     """The mode near a point, (D,); thorough: see `polish`."""
     return polish(likelihood, refine(likelihood, point, _LAST)[0], thorough=thorough)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from identification.diagnosis.selection.candidates import Candidate, Values, parameter_of
-from identification.diagnosis.selection.score_test import sensitivities
+from identification.diagnosis.selection.score_test import compute_sensitivities
 from identification.inference.fit_result import Fitted
 
 #: Strengths of a candidate that do this nearly the same, relatively, are taken together.
@@ -26,14 +26,15 @@ def standing_in(fitted: Fitted, other: Fitted, candidate: Candidate) -> list[Val
         return []
     done = other.jacobian[:, list(grown)] @ list(grown.values())
     return [
-        sensed.values(np.linalg.lstsq(sensed.S, done, rcond=_PARALLEL)[0]) for sensed in sensitivities(other, candidate)
+        sensitivity.values(np.linalg.lstsq(sensitivity.S, done, rcond=_PARALLEL)[0])
+        for sensitivity in compute_sensitivities(other, candidate)
     ]
 
 
 def _as_in(other: Fitted, candidate: Candidate) -> Values:
     """The values of a candidate in a model that has it."""
     values = other.cradle.effects[candidate.name]
-    if not candidate.alike:
+    if not candidate.shared:
         return dict(values)
     each = {p.key: p for p in candidate.declaration.parameters if p.each}
     return {

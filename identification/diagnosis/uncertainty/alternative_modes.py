@@ -16,7 +16,7 @@ from scipy.stats import chi2 as chi2_distribution
 from cradle_env.effects import LEARNED
 from cradle_env.threads import in_threads
 from identification.diagnosis.selection.candidates import parameter_of
-from identification.diagnosis.selection.search import Keep, fit_key
+from identification.diagnosis.selection.search import PointCache, fit_key
 from identification.diagnosis.uncertainty.conditional_likelihood import ConditionalLikelihood, refit_others
 from identification.inference.fit_result import Fitted
 from identification.inference.impact_order_noise import size
@@ -31,7 +31,7 @@ _RATIO, _GROWTH, _EVALUATIONS, _WALL = 1.5, 1.4, (8, 20), 100.0
 _IMPOSSIBLE = 1e12
 
 
-def branches(fitted: Fitted, chance: float, keep: Keep) -> tuple[np.ndarray, np.ndarray]:
+def find_alternative_modes(fitted: Fitted, chance: float, cache: PointCache) -> tuple[np.ndarray, np.ndarray]:
     """Points that fit as well as the mode with other shapes of an effect, and how far about each the truth may lie but
     by this chance, that shape held; both (K, D), and none where no effect has shapes. keep: of what they are.
 
@@ -39,14 +39,14 @@ def branches(fitted: Fitted, chance: float, keep: Keep) -> tuple[np.ndarray, np.
     and than readings jump where the order of impacts may flip.
     """
     D, found = len(fitted.point), [np.empty((0, 2 * len(fitted.point)))]
-    for i in shapes_of(fitted):
+    for i in shape_unknowns(fitted):
         key = fit_key("branches", fitted.experiment, fitted.point.tolist(), chance, i)
-        found.append(keep(key, lambda i=i: _branches(fitted, i, chance).ravel()).reshape(-1, 2 * D))
+        found.append(cache(key, lambda i=i: _modes_along(fitted, i, chance).ravel()).reshape(-1, 2 * D))
     points, widths = np.split(np.concatenate(found), 2, axis=1)
     return points, widths
 
 
-def shapes_of(fitted: Fitted) -> list[int]:
+def shape_unknowns(fitted: Fitted) -> list[int]:
     """Which unknowns are shapes of effects on a scale of ratios; those of learned laws go with their terms."""
     learned = {declared.name for declared in LEARNED}
     found = []
@@ -57,9 +57,9 @@ def shapes_of(fitted: Fitted) -> list[int]:
     return found
 
 
-def _branches(fitted: Fitted, i: int, chance: float) -> np.ndarray:
+def _modes_along(fitted: Fitted, i: int, chance: float) -> np.ndarray:
     """Those of other values of unknown i: points and widths, (K, 2 D)."""
-    rungs = _ladder(fitted, i)
+    rungs = _refit_ladder(fitted, i)
     points, risen = rungs[:, :-1], np.clip((rungs[:, -1] - fitted.chi2) / fitted.coloured[0], 0.0, _IMPOSSIBLE)
     single, enough = (float(chi2_distribution.isf(chance / n, 1)) for n in (1, len(rungs)))
     if fitted.cradle.bobs >= SEVERAL:
@@ -81,7 +81,7 @@ def _branches(fitted: Fitted, i: int, chance: float) -> np.ndarray:
     return np.array(in_threads(with_widths, as_well, fitted.likelihood.workers))
 
 
-def _ladder(fitted: Fitted, i: int) -> np.ndarray:
+def _refit_ladder(fitted: Fitted, i: int) -> np.ndarray:
     """Refits with unknown i held at one rung after the other, both ways from the mode until a valley ends; the points
     and their χ², in the order of the unknown, (K, D + 1)."""
     low, high = (float(bound[i]) for bound in bounds(fitted.likelihood))

@@ -19,9 +19,14 @@ from scipy.stats import truncnorm
 from cradle_env.effects import Parameter
 from cradle_env.threads import in_threads
 from identification.diagnosis.selection.candidates import Candidate, with_effects
-from identification.diagnosis.selection.score_test import LEAST_SEEN, Score, Sensed, change
-from identification.diagnosis.selection.search import Keep, at_once, fit_key
-from identification.diagnosis.uncertainty.profile_likelihood import EVALUATIONS, profile_end
+from identification.diagnosis.selection.score_test import (
+    MIN_VISIBLE_SHARE,
+    CandidateScore,
+    Sensitivity,
+    residual_change,
+)
+from identification.diagnosis.selection.search import PointCache, compute_uncached, fit_key
+from identification.diagnosis.uncertainty.profile_likelihood import REFIT_EVALUATIONS, find_profile_end
 from identification.inference import impact_order_noise
 from identification.inference.fit_result import Fitted
 from identification.inference.impossible_model import ImpossibleModelError
@@ -41,33 +46,33 @@ _ROUGH_ROUNDS = 1
 
 
 @dataclass(frozen=True)
-class Unseen:
+class DetectionLimit:
     """An effect that data may hide: the parameter that is its strength, 95 % limit on that (a least value where the
     effect is absent at infinity; None where the data see nothing of it), and by how many of their standard deviations
     the unknowns would move there."""
 
     effect: str
-    alike: bool
+    shared: bool
     parameter: Parameter
     limit: float | None
-    moves: dict[str, float]
+    shifts_sd: dict[str, float]
 
     def content(self) -> dict[str, object]:
         """As diagnosis.json has it."""
         kind = "least" if math.isinf(self.parameter.absent) else "most"
         return {
-            "effect": self.effect, "alike": self.alike, "parameter": self.parameter.key, "unit": self.parameter.unit,
-            kind: self.limit, "moves_sd": self.moves,
+            "effect": self.effect, "alike": self.shared, "parameter": self.parameter.key, "unit": self.parameter.unit,
+            kind: self.limit, "moves_sd": self.shifts_sd,
         }  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
-class _Foretold:
+class _LinearLimit:
     """What data may hide of a shape of a candidate, to first order: its strength between bounds [scales], None where
     they see nothing of it; the change of the residuals by each scale there, (R + P,), and how the point moves, (D,)."""
 
     candidate: Candidate
-    sensed: Sensed
+    sensitivity: Sensitivity
     parameter: Parameter
     low: float
     high: float
@@ -77,113 +82,117 @@ class _Foretold:
 
 
 @on_one_thread
-def unseen(fitted: Fitted, scores: Sequence[Score], keep: Keep = at_once) -> tuple[Unseen, ...]:
+def compute_detection_limits(
+    fitted: Fitted, scores: Sequence[CandidateScore], cache: PointCache = compute_uncached
+) -> tuple[DetectionLimit, ...]:
     """Of each absent effect with one strength, how much data may hide, in that of its shapes of which they may to first
     order hide what moves unknowns most; what would move unknowns most comes first. keep: of limits."""
     several = []
     for own in scores:
         strengths = own.candidate.declaration.strengths
         if len(strengths) == 1:
-            single = (sensed for sensed in own.sensed if sensed.S.shape[1] == 1)
-            several += [(own.candidate, sensed, strengths[0]) for sensed in single]
+            single = (sensitivity for sensitivity in own.sensitivities if sensitivity.S.shape[1] == 1)
+            several += [(own.candidate, sensitivity, strengths[0]) for sensitivity in single]
     sd = np.sqrt(np.diag(fitted.covariance))
     workers, farthest = fitted.likelihood.workers, {}
-    for one in in_threads(lambda shape: _foretold(fitted, *shape), several, workers):
+    for one in in_threads(lambda shape: _linear_limit(fitted, *shape), several, workers):
         known = farthest.get(one.candidate, one)
         farthest[one.candidate] = max(
-            known, one, key=lambda one: _farthest(_told(fitted, sd, one, _to_first_order(one)))
+            known, one, key=lambda one: _largest_shift(_detection_limit(fitted, sd, one, _linear_shift(one)))
         )
-    found = in_threads(lambda one: _hidden(fitted, sd, one, keep), list(farthest.values()), workers)
-    return tuple(sorted(found, key=_farthest, reverse=True))
+    found = in_threads(lambda one: _find_detection_limit(fitted, sd, one, cache), list(farthest.values()), workers)
+    return tuple(sorted(found, key=_largest_shift, reverse=True))
 
 
-def _farthest(one: Unseen) -> float:
-    return max(map(abs, one.moves.values()), default=math.inf)
+def _largest_shift(one: DetectionLimit) -> float:
+    return max(map(abs, one.shifts_sd.values()), default=math.inf)
 
 
-def _to_first_order(one: _Foretold) -> np.ndarray:
+def _linear_shift(one: _LinearLimit) -> np.ndarray:
     """The limit [scales] and how far the point moves there, (1 + D,); (0,) where there is none."""
     return np.array([]) if one.limit is None else one.limit * np.array([1.0, *one.slope])
 
 
-def _told(fitted: Fitted, sd: np.ndarray, one: _Foretold, reached: np.ndarray) -> Unseen:
+def _detection_limit(fitted: Fitted, sd: np.ndarray, one: _LinearLimit, reached: np.ndarray) -> DetectionLimit:
     """As it is reported. sd (D,): the point's standard deviations; reached: as `_to_first_order` has it."""
     candidate, parameter = one.candidate, one.parameter
     if not len(reached):
-        return Unseen(candidate.name, candidate.alike, parameter, None, {})
+        return DetectionLimit(candidate.name, candidate.shared, parameter, None, {})
     limit, *moved = map(float, reached)
     moves = {
         name: float(moved[i] / sd[i])
         for i, name in enumerate(fitted.likelihood.names) if name in ("k_f", "kappa", "b")
     }  # fmt: skip
-    return Unseen(candidate.name, candidate.alike, parameter, parameter.at_strength(limit), moves)
+    return DetectionLimit(candidate.name, candidate.shared, parameter, parameter.at_strength(limit), moves)
 
 
-def _foretold(fitted: Fitted, candidate: Candidate, sensed: Sensed, parameter: Parameter) -> _Foretold:
+def _linear_limit(fitted: Fitted, candidate: Candidate, sensitivity: Sensitivity, parameter: Parameter) -> _LinearLimit:
     """What data may hide of a shape of a candidate, to first order."""
     if math.isinf(parameter.absent):
         low, high = 0.0, parameter.scale / parameter.low if parameter.low > 0.0 else math.inf
     else:
         low, high = sorted((bound - parameter.absent) / parameter.scale for bound in (parameter.low, parameter.high))
-    limit, S = _limit(fitted, candidate, sensed, low, high)
-    return _Foretold(candidate, sensed, parameter, low, high, limit, S, _absorbs(fitted, S))
+    limit, S = _strength_limit(fitted, candidate, sensitivity, low, high)
+    return _LinearLimit(candidate, sensitivity, parameter, low, high, limit, S, _compensating_step(fitted, S))
 
 
-def _hidden(fitted: Fitted, sd: np.ndarray, one: _Foretold, keep: Keep) -> Unseen:
+def _find_detection_limit(fitted: Fitted, sd: np.ndarray, one: _LinearLimit, cache: PointCache) -> DetectionLimit:
     """How much of an effect the data may hide."""
     what = one.candidate.label, one.limit, one.slope.tolist()
     key = fit_key("limit", fitted.experiment, fitted.point.tolist(), *what)
-    return _told(fitted, sd, one, keep(key, lambda: _reached(fitted, one)))
+    return _detection_limit(fitted, sd, one, cache(key, lambda: _follow_where_nonlinear(fitted, one)))
 
 
-def _reached(fitted: Fitted, one: _Foretold) -> np.ndarray:
+def _follow_where_nonlinear(fitted: Fitted, one: _LinearLimit) -> np.ndarray:
     """As `_to_first_order` has it, followed by refits where that is not as foretold."""
-    if one.limit is None or (rounds := _rounds(fitted, one, one.limit)) is None:
-        return _to_first_order(one)
-    return _follow(fitted, one, rounds)
+    if one.limit is None or (rounds := _nonsmooth_rounds(fitted, one, one.limit)) is None:
+        return _linear_shift(one)
+    return _follow_profile(fitted, one, rounds)
 
 
-def _limit(
-    fitted: Fitted, candidate: Candidate, sensed: Sensed, low: float, high: float
+def _strength_limit(
+    fitted: Fitted, candidate: Candidate, sensitivity: Sensitivity, low: float, high: float
 ) -> tuple[float | None, np.ndarray]:
     """The strength [scales] between its bounds that is as far from none as the data allow, and the change of the
     residuals there by each scale, (R + P,), to first order; None where the data do not see the effect, or not within
     its bounds."""
-    S, limit, inflation = sensed.S[:, 0], math.nan, fitted.coloured[0]
+    S, limit, inflation = sensitivity.S[:, 0], math.nan, fitted.coloured[0]
     for _ in range(_ROUNDS):  # what grows as a square, such as a blur, is followed by secants to where it ends
         left = fitted.project(S)
         size = float(left @ left)
-        if size <= LEAST_SEEN**2 * float(S @ S) or inflation > size * max(abs(low), high) ** 2:
+        if size <= MIN_VISIBLE_SHARE**2 * float(S @ S) or inflation > size * max(abs(low), high) ** 2:
             return None, S
         best, sd = min(max(-float(left @ fitted.residuals) / size, low), high), math.sqrt(inflation / size)
-        found = float(max(truncnorm.ppf(_tails(low), (low - best) / sd, (high - best) / sd, best, sd), key=abs))
+        found = float(
+            max(truncnorm.ppf(_tail_probabilities(low), (low - best) / sd, (high - best) / sd, best, sd), key=abs)
+        )
         limit = found if math.isnan(limit) or found * limit <= 0.0 else math.copysign(math.sqrt(found * limit), found)
         try:
-            S = change(fitted, candidate, sensed.values(np.array([limit]))) / limit
+            S = residual_change(fitted, candidate, sensitivity.values(np.array([limit]))) / limit
         except ImpossibleModelError:  # too strong for this cradle to swing
             break
     return limit, S
 
 
-def _absorbs(fitted: Fitted, S: np.ndarray) -> np.ndarray:
+def _compensating_step(fitted: Fitted, S: np.ndarray) -> np.ndarray:
     """−J⁺ S, (D,)."""
     lengths = lengths_of(fitted.jacobian)
     return -np.linalg.lstsq(fitted.jacobian / lengths, S)[0] / lengths
 
 
-def _held(fitted: Fitted, one: _Foretold, s: float) -> Likelihood:
+def _likelihood_at(fitted: Fitted, one: _LinearLimit, s: float) -> Likelihood:
     """The likelihood of the model with an effect of strength s [scales]."""
-    model = with_effects(fitted.experiment, {one.candidate.name: one.sensed.values(np.array([s]))}, ())
+    model = with_effects(fitted.experiment, {one.candidate.name: one.sensitivity.values(np.array([s]))}, ())
     return Likelihood(model, fitted.likelihood.rows, 1)
 
 
-def _rounds(fitted: Fitted, one: _Foretold, limit: float) -> int | None:
+def _nonsmooth_rounds(fitted: Fitted, one: _LinearLimit, limit: float) -> int | None:
     """Rounds over a rough misfit of each refit that follows an effect to its limit: some where readings jump there, of
     three bobs and more alone. None where none is needed, for the readings there, the unknowns moved to where they make
     up for it to first order, are what they are to first order."""
     several, most = fitted.cradle.bobs >= SEVERAL, _BENT * fitted.coloured[0]
     try:
-        held = _held(fitted, one, limit)
+        held = _likelihood_at(fitted, one, limit)
         point = np.clip(fitted.point + limit * one.slope, *bounds(held))
         off = held.residuals(point) - (fitted.residuals + limit * fitted.project(one.S))
     except ImpossibleModelError:  # the cradle cannot swing where first order leads
@@ -194,7 +203,7 @@ def _rounds(fitted: Fitted, one: _Foretold, limit: float) -> int | None:
     return _ROUGH_ROUNDS if jump else 0
 
 
-def _follow(fitted: Fitted, one: _Foretold, rounds: int) -> np.ndarray:
+def _follow_profile(fitted: Fitted, one: _LinearLimit, rounds: int) -> np.ndarray:
     """The strength [scales] between its bounds that is as far from none as the data allow, by the profile of χ², and
     how far the point moves there, (1 + D,); (0,) where the data hardly exclude what is beyond its bounds. rounds: over
     a rough misfit, of each refit."""
@@ -203,8 +212,8 @@ def _follow(fitted: Fitted, one: _Foretold, rounds: int) -> np.ndarray:
     visited = {0.0: (fitted.chi2, fitted.point)}
 
     def refit(s: float, start: np.ndarray) -> tuple[np.ndarray, float]:
-        held = _held(fitted, one, s)
-        point, chi2 = refine(held, start, EVALUATIONS)
+        held = _likelihood_at(fitted, one, s)
+        point, chi2 = refine(held, start, REFIT_EVALUATIONS)
         if math.isfinite(chi2):
             polished = polish(held, point, rounds, widths=fitted.widths)
             if not np.array_equal(polished, point):
@@ -216,7 +225,7 @@ def _follow(fitted: Fitted, one: _Foretold, rounds: int) -> np.ndarray:
         if fitted.chi2 - min(chi2 for chi2, _ in visited.values()) > _END**2 * inflation:
             continue  # beyond the end already: the other side holds better
         step = math.copysign(sd, bound)
-        u, point = profile_end(
+        u, point = find_profile_end(
             lambda u, start, step=step: refit(u * step, start),
             fitted.point, step * one.slope, abs(bound) / sd, _END,
         )  # fmt: skip
@@ -226,12 +235,12 @@ def _follow(fitted: Fitted, one: _Foretold, rounds: int) -> np.ndarray:
     chi2 = PchipInterpolator(several, [visited[s][0] for s in several])
     grid = np.linspace(several[0], several[-1], _GRID)
     density = np.exp(-0.5 * (chi2(grid) - chi2(grid).min()) / inflation)
-    limit = float(max(np.interp(_tails(one.low), np.cumsum(density) / density.sum(), grid), key=abs))
+    limit = float(max(np.interp(_tail_probabilities(one.low), np.cumsum(density) / density.sum(), grid), key=abs))
     points = np.array([visited[s][1] for s in several])
     moved = np.array([np.interp(limit, several, column) for column in points.T]) - fitted.point
     return np.array([limit, *moved])
 
 
-def _tails(low: float) -> tuple[float, ...]:
+def _tail_probabilities(low: float) -> tuple[float, ...]:
     """The probabilities between which the true strength is, or below which; low: its lower bound."""
     return (_SURE,) if low == 0.0 else (0.5 * (1.0 - _SURE), 0.5 * (1.0 + _SURE))

@@ -9,10 +9,10 @@ import numpy as np
 from scipy.stats import norm, truncnorm
 
 from cradle_env.threads import in_threads
-from identification.diagnosis.selection.search import Keep, at_once, fit_key
-from identification.diagnosis.uncertainty.alternative_modes import branches, shapes_of
+from identification.diagnosis.selection.search import PointCache, compute_uncached, fit_key
+from identification.diagnosis.uncertainty.alternative_modes import find_alternative_modes, shape_unknowns
 from identification.diagnosis.uncertainty.conditional_likelihood import refit_others
-from identification.diagnosis.uncertainty.profile_likelihood import EVALUATIONS, profile_end
+from identification.diagnosis.uncertainty.profile_likelihood import REFIT_EVALUATIONS, find_profile_end
 from identification.inference.fit_result import Fitted
 from identification.inference.least_squares import SEVERAL, bounds
 from identification.inference.linear_algebra import on_one_thread
@@ -32,20 +32,20 @@ class Interval:
 
 
 @on_one_thread
-def intervals(fitted: Fitted, keep: Keep = at_once) -> dict[str, Interval]:
+def compute_intervals(fitted: Fitted, cache: PointCache = compute_uncached) -> dict[str, Interval]:
     """Medians and 95 % intervals by Laplace, inflated for residuals that are not white and cut at the bounds; of
     fewer than three bobs, over which the misfit is smooth, the intervals of what is of the model by profile: of
     unknowns that make up for each other the most probable values may lie on a bent ridge. Where an effect may have
     other shapes, they hold what is as probable by each of these, too. keep: of ends of profiles, and of such shapes."""
     deviations = np.sqrt(np.maximum(np.diag(fitted.covariance), 1e-300))
-    others, widths = branches(fitted, 2.0 * _SHARES[1], keep)
-    smooth, shapes = fitted.cradle.bobs < SEVERAL and not fitted.learned, shapes_of(fitted)
+    others, widths = find_alternative_modes(fitted, 2.0 * _SHARES[1], cache)
+    smooth, shapes = fitted.cradle.bobs < SEVERAL and not fitted.learned, shape_unknowns(fitted)
     followed = [i for i, u in enumerate(fitted.likelihood.unknowns) if smooth and not u.nuisance and i not in shapes]
     steps = [(i, sign * deviations[i]) for i in followed for sign in (-1.0, 1.0)]
 
     def end(step: tuple[int, float]) -> float:
         key = fit_key("end of an interval", fitted.experiment, fitted.point.tolist(), *step)
-        return float(keep(key, lambda: np.array([_profile_end(fitted, *step)]))[0])
+        return float(cache(key, lambda: np.array([_interval_end(fitted, *step)]))[0])
 
     reached = in_threads(end, steps, fitted.likelihood.workers)
     by_profile = dict(zip(followed, zip(reached[::2], reached[1::2], strict=True), strict=True))
@@ -67,7 +67,7 @@ def intervals(fitted: Fitted, keep: Keep = at_once) -> dict[str, Interval]:
     return found
 
 
-def _profile_end(fitted: Fitted, i: int, step: float) -> float:
+def _interval_end(fitted: Fitted, i: int, step: float) -> float:
     """The coordinate of unknown i, on the side to which `step` leads [its standard deviation], where χ² over the
     inflation, refitted in all others, has risen by that of the interval's end; its bound where it rises by less."""
     likelihood, least, inflation = fitted.likelihood, fitted.chi2, fitted.coloured[0]
@@ -76,12 +76,12 @@ def _profile_end(fitted: Fitted, i: int, step: float) -> float:
 
     def refit(u: float, start: np.ndarray) -> tuple[np.ndarray, float]:
         held = float(np.clip(fitted.point[i] + u * step, within[0][i], within[1][i]))
-        found, chi2 = refit_others(likelihood, i, held, start, EVALUATIONS)
+        found, chi2 = refit_others(likelihood, i, held, start, REFIT_EVALUATIONS)
         return found, math.sqrt(max(chi2 - least, 0.0) / inflation)
 
     ahead = fitted.covariance[i] / fitted.covariance[i, i] * step
     furthest = (limit - fitted.point[i]) / step
-    u, _ = profile_end(refit, fitted.point, ahead, furthest, _END)
+    u, _ = find_profile_end(refit, fitted.point, ahead, furthest, _END)
     if u > (1.0 - 1e-9) * furthest:  # but for rounding
         return limit
     return float(np.clip(fitted.point[i] + u * step, within[0][i], within[1][i]))

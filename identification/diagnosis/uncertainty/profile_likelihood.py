@@ -7,13 +7,13 @@ from collections.abc import Callable
 import numpy as np
 
 #: Evaluations of each refit: from where the last two point to, few are enough.
-EVALUATIONS = 20
+REFIT_EVALUATIONS = 20
 #: How near to it, relatively, a profile must come for its end to be read off, or two strengths with the end between
 #: them to each other; how much shorter a stride that went too far becomes; refits at most on the way to an end.
 _NEAR, _SHORTER, _MARCH = 0.15, (0.1, 0.7), 24
 
 
-def profile_end(
+def find_profile_end(
     refit: Callable[[float, np.ndarray], tuple[np.ndarray, float]],
     point: np.ndarray,
     ahead: np.ndarray,

@@ -11,7 +11,7 @@ from cradle_env import CATALOGUE, Cradle, InitialState, Release, restitution_cur
 from cradle_env.effects import LEARNED, effect, known_effects
 from cradle_env.simulation import equilibrium
 from identification import Experiment
-from identification.diagnosis.selection.candidates import candidates
+from identification.diagnosis.selection.candidates import list_candidates
 from tests.unit.cradle_env.test_effects import TIMES, angles, one_bob
 
 RELEASE = Release(angle=0.3)
@@ -29,7 +29,7 @@ def law(name: str, **coefficients: float) -> dict:
 def test_known_by_name_but_no_candidate(declared) -> None:
     assert effect(declared.name) is declared
     assert declared not in CATALOGUE and declared not in known_effects()
-    assert declared.name not in {candidate.name for candidate in candidates(Cradle(bobs=3))}
+    assert declared.name not in {candidate.name for candidate in list_candidates(Cradle(bobs=3))}
     assert all(getattr(declared, text).strip() for text in ("summary", "equation", "reference", "energy", "looks_like"))
 
 

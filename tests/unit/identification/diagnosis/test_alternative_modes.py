@@ -9,8 +9,8 @@ from cradle_env import Cradle
 from identification.diagnosis import repair, stepwise
 from identification.diagnosis.selection import model_comparison, search
 from identification.diagnosis.selection.candidates import Candidate
-from identification.diagnosis.selection.model_comparison import CLOSE, Decision, hidden, of_the_period
-from identification.diagnosis.selection.search import Searcher, Store
+from identification.diagnosis.selection.model_comparison import EQUIVALENT_LOG_ODDS, Decision, hidden, of_the_period
+from identification.diagnosis.selection.search import FitCache, Searcher
 from identification.diagnosis.stepwise import Course, Step
 from identification.experiment.experiment import Experiment
 from identification.inference.fit_result import with_known_noise
@@ -26,14 +26,14 @@ def test_a_clock_that_a_far_mode_of_kappa_hides_is_found(tmp_path):
     with κ off by far more than its error; from there first order sees nothing of the clock."""
     apparatus, scale = Apparatus(next(case for case in cases([30]) if case.name == "30-clock_scale")), 1e-3
     path = apparatus.write(tmp_path, apparatus.record([scale], True))
-    searcher, true = Searcher(Store(None, ""), 0, None), apparatus.truth["kappa"]
-    base = searcher.globally(with_known_noise(Experiment.load(path)))
+    searcher, true = Searcher(FitCache(None, ""), 0, None), apparatus.truth["kappa"]
+    base = searcher.fit_global(with_known_noise(Experiment.load(path)))
     assert abs(base.values["kappa"] / true - 1.0) > 0.02
     repaired = repair.repair(base, searcher, 0, (False,), QUIET)
     # By last bits p is 0.0075 or more: there is next to nothing to see.
     assert repaired.examined[0].p > 0.005
     assert {"clock_scale", "added_mass"} <= {one.name for several in repaired.alternatives for one in several}
-    found = searcher.anywhere(base, CLOCK)
+    found = searcher.fit_global_with(base, CLOCK)
     sd = dict(zip(found.likelihood.names, np.sqrt(np.diag(found.covariance)), strict=True))
     assert abs(np.log(found.values["kappa"] / true)) < 4.0 * sd["kappa"]
     assert abs(found.values["clock_scale.scale"] - scale) < 4.0 * sd["clock_scale.scale"]
@@ -58,7 +58,7 @@ def test_a_mode_is_looked_for_until_two_searches_agree(monkeypatch, reached, sea
     monkeypatch.setattr(search, "fit_key", lambda *_: "key")
     monkeypatch.setattr(search, "among_modes", lambda likelihood, point: point)
     monkeypatch.setattr(search, "Fitted", lambda likelihood, point: seen[0])
-    found = Searcher(Store(None, ""), 0, None).settled(several[0])
+    found = Searcher(FitCache(None, ""), 0, None).refit_multistart(several[0])
     assert found.chi2 == min(reached[: 1 + searches])
     assert seen[1 : 1 + searches] == several[1 : 1 + searches] and len(seen) == 2 + searches  # the last is settled
 
@@ -76,11 +76,11 @@ def test_where_kappa_has_no_such_modes_none_is_looked_for(bobs, effects, names, 
     """With few bobs, where it is known, where the clock is in the model, or far above the noise."""
     likelihood, cradle = SimpleNamespace(names=names), Cradle(bobs=bobs, effects=effects)
     fitted = SimpleNamespace(cradle=cradle, likelihood=likelihood, training_gap=lambda: gap)
-    searcher = SimpleNamespace(anywhere=lambda *_: pytest.fail("nothing is to be searched"))
+    searcher = SimpleNamespace(fit_global_with=lambda *_: pytest.fail("nothing is to be searched"))
     assert of_the_period(fitted, searcher, QUIET) == {}  # type: ignore[arg-type]
 
 
-@pytest.mark.parametrize(("evidence", "taken"), [(0.9 * CLOSE, False), (1.1 * CLOSE, True)])
+@pytest.mark.parametrize(("evidence", "taken"), [(0.9 * EQUIVALENT_LOG_ODDS, False), (1.1 * EQUIVALENT_LOG_ODDS, True)])
 def test_noise_alone_is_doubted_only_with_good_reason(monkeypatch, evidence, taken):
     """Of 15 experiments of three and five bobs in which nothing is hidden, a clock from anywhere gained 0 to 4.5 in χ²;
     a log evidence of 3 asks for about 15."""
@@ -92,7 +92,7 @@ def test_noise_alone_is_doubted_only_with_good_reason(monkeypatch, evidence, tak
 
 @pytest.mark.parametrize("significant", [False, True])
 def test_what_leaves_more_than_noise_was_not_hidden(monkeypatch, significant):
-    base = SimpleNamespace(fitted="base", scored=None, significant=False, p=0.5)
+    base = SimpleNamespace(fitted="base", score_test=None, significant=False, p=0.5)
     so_far = Course(None, 0, (False,), QUIET, [base])  # type: ignore[arg-type,list-item]
     decision = Decision((), SimpleNamespace(fitted="clock", gain=50.0), 0.9, 1.0, 100.0)  # type: ignore[arg-type]
 
@@ -119,7 +119,7 @@ def test_what_leaves_more_than_noise_was_not_hidden(monkeypatch, significant):
 )
 def test_what_is_hardly_noise_is_looked_at_again(monkeypatch, p, steps, looked):
     """Where noise alone would leave as much but once in ten times, and no two effects were taken yet."""
-    last = SimpleNamespace(fitted="last", scored=None, significant=False, p=p)
+    last = SimpleNamespace(fitted="last", score_test=None, significant=False, p=p)
     taken = [SimpleNamespace(effect=f"{i}") for i in range(steps)]
     so_far = Course(None, 0, (False,), QUIET, [last], [], taken)  # type: ignore[arg-type,list-item]
     tried = []
@@ -137,8 +137,8 @@ def test_lengths_that_first_order_hardly_foretells_are_found(tmp_path):
     than noise may leave. A creeping string does as well."""
     apparatus = Apparatus(next(case for case in cases([21]) if case.name == "21-length_mismatch"))
     path = apparatus.write(tmp_path, apparatus.record([0.0008779], True))
-    searcher = Searcher(Store(None, ""), 0, None)
-    repaired = repair.repair(searcher.globally(with_known_noise(Experiment.load(path))), searcher, 0, (False,), QUIET)
+    searcher = Searcher(FitCache(None, ""), 0, None)
+    repaired = repair.repair(searcher.fit_global(with_known_noise(Experiment.load(path))), searcher, 0, (False,), QUIET)
     assert 0.01 < repaired.examined[0].p < stepwise.SETTLED
     assert {one.name for several in repaired.alternatives for one in several} == {"length_mismatch", "string_creep"}
     assert abs(repaired.last.fitted.values["kappa"] / apparatus.truth["kappa"] - 1.0) < 0.003
@@ -153,7 +153,7 @@ def test_where_an_effect_leads_to_a_better_mode_the_decision_is_made_again(monke
 
     was, now, instead = chose("length"), chose(other), []
     last = SimpleNamespace(chi2=chi2, unit=1.0)
-    examined = [SimpleNamespace(fitted="base", scored=None), SimpleNamespace(fitted=last)]
+    examined = [SimpleNamespace(fitted="base", score_test=None), SimpleNamespace(fitted=last)]
     steps = [Step("length_mismatch", *(SimpleNamespace(),) * 2, 0.5, was)]  # type: ignore[arg-type]
     so_far = Course(None, 0, (False,), QUIET, examined, [was], steps)  # type: ignore[arg-type]
     monkeypatch.setattr(stepwise, "again", lambda *_: now)
@@ -172,8 +172,8 @@ def test_a_common_mass_is_not_taken_for_two_lengths(tmp_path):
     length are stuck; near the right κ these do as well, with one unknown less."""
     apparatus = Apparatus(next(case for case in cases([23]) if case.name == "23-added_mass"))
     path = apparatus.write(tmp_path, apparatus.record([5.3e-4], True))
-    searcher = Searcher(Store(None, ""), 0, None)
-    repaired = repair.repair(searcher.globally(with_known_noise(Experiment.load(path))), searcher, 0, (True,), QUIET)
+    searcher = Searcher(FitCache(None, ""), 0, None)
+    repaired = repair.repair(searcher.fit_global(with_known_noise(Experiment.load(path))), searcher, 0, (True,), QUIET)
     found = {one.name for several in repaired.alternatives for one in several}
     assert found == {"length_mismatch", "added_mass", "clock_scale"}
     assert abs(repaired.last.fitted.values["kappa"] / apparatus.truth["kappa"] - 1.0) < 0.01

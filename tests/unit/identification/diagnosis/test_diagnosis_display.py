@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from cradle_env import Cradle, display
-from identification.diagnosis.repair import Repaired
+from identification.diagnosis.repair import RepairResult
 from identification.diagnosis.result import Diagnosis
 from identification.diagnosis.selection.candidates import with_effects
-from identification.diagnosis.selection.search import Searcher, Store
+from identification.diagnosis.selection.search import FitCache, Searcher
 from identification.diagnosis.stepwise import Step, examine
 from identification.experiment.experiment import Experiment
 from identification.inference.fit_result import with_known_noise
@@ -23,15 +23,15 @@ def diagnoses():
     """One in which quadratic drag was found, as `repair` would return it, and one in which nothing was looked for."""
     dragged = Cradle(bobs=2, effects={"quadratic_drag": {"c2": C2}})
     experiment = Experiment(Cradle(bobs=2), (simulated_run(dragged, duration=12.0, file=EVIL),))
-    searcher = Searcher(Store(None, ""), 0, None)
-    before = examine(searcher.globally(with_known_noise(experiment)), 0, (False,))
+    searcher = Searcher(FitCache(None, ""), 0, None)
+    before = examine(searcher.fit_global(with_known_noise(experiment)), 0, (False,))
     model = with_effects(before.fitted.experiment, {"quadratic_drag": {"c2": 0.01}})
-    after = examine(searcher.globally(model), 0, (False,))
+    after = examine(searcher.fit_global(model), 0, (False,))
     step = Step("quadratic_drag", before.fitted, after.fitted, 0.9987, None)
-    found = Repaired((before, after), (), (step,), (), (), after, None)
-    nothing = Repaired((after,), (), (), (), (), after, None)
+    found = RepairResult((before, after), (), (step,), (), (), after, None)
+    nothing = RepairResult((after,), (), (), (), (), after, None)
     return (
-        Diagnosis(experiment, found, searcher.on_everything(after.fitted), None, 0),
+        Diagnosis(experiment, found, searcher.fit_all_data(after.fitted), None, 0),
         Diagnosis(experiment, nothing, after.fitted, None, 0),
     )
 

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from identification.diagnosis.selection.candidates import with_effects
-from identification.diagnosis.selection.search import Searcher, Store, at_once
+from identification.diagnosis.selection.search import FitCache, Searcher, compute_uncached
 from identification.diagnosis.uncertainty import intervals as module
-from identification.diagnosis.uncertainty.alternative_modes import branches
-from identification.diagnosis.uncertainty.intervals import intervals
-from identification.diagnosis.uncertainty.profile_likelihood import profile_end
+from identification.diagnosis.uncertainty.alternative_modes import find_alternative_modes
+from identification.diagnosis.uncertainty.intervals import compute_intervals
+from identification.diagnosis.uncertainty.profile_likelihood import find_profile_end
 from identification.experiment.experiment import Experiment
 from identification.inference.fit_result import with_known_noise
 from identification.inference.impossible_model import ImpossibleModelError
@@ -47,7 +47,7 @@ def end(side: float, high: float = 100.0) -> float:
     fitted = SimpleNamespace(
         likelihood=Bent(high), point=np.ones(2), chi2=0.0, covariance=covariance, coloured=(1.0, 2.0)
     )
-    return module._profile_end(fitted, 1, side * math.sqrt(covariance[1, 1]))  # type: ignore[arg-type]
+    return module._interval_end(fitted, 1, side * math.sqrt(covariance[1, 1]))  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize(("side", "true"), [(-1.0, -WIDTH * math.sqrt(1.96**2 - 1.0)), (1.0, (1.0 + 1.96) ** 2)])
@@ -71,7 +71,7 @@ def test_a_profile_ends_at_a_cliff():
         asked.append(u)
         return start, 0.84 * u if u < 3.01 else 7.0
 
-    u, _ = profile_end(refit, np.zeros(1), np.ones(1), 1e3, 3.0)
+    u, _ = find_profile_end(refit, np.zeros(1), np.ones(1), 1e3, 3.0)
     assert u == pytest.approx(3.01, rel=0.02)
     assert len(asked) < 8  # each of many simulations
 
@@ -80,10 +80,10 @@ def test_where_the_posterior_is_normal_a_profile_says_what_laplace_does(tmp_path
     cradle = SoftCradle(2, stiffness_factor=1e6, kappa=190.0, k_f=18000.0, b=0.002)
     recording = record(cradle, {2: 0.2}, duration=20.0, seed=3, noise=1e-3)
     path = write_experiment(tmp_path, [recording], stated={"kappa": 190.0, "k_f": 18000.0, "b": 0.002})
-    fitted = Searcher(Store(None, ""), 0, None).nearby(with_known_noise(Experiment.load(path)), {})
-    by_profile = intervals(fitted)
+    fitted = Searcher(FitCache(None, ""), 0, None).fit_from_values(with_known_noise(Experiment.load(path)), {})
+    by_profile = compute_intervals(fitted)
     with mock.patch.object(module, "SEVERAL", 0):
-        by_laplace = intervals(fitted)
+        by_laplace = compute_intervals(fitted)
     assert {name for name in by_profile if by_profile[name].ci95 != by_laplace[name].ci95} == {"k_f", "kappa", "b"}
     for name in ("k_f", "kappa", "b"):
         width = np.diff(by_laplace[name].ci95)[0]
@@ -95,9 +95,9 @@ def test_of_one_unknown_alone_nothing_is_left_to_refit(tmp_path):
     cradle = SoftCradle(1, strings="rigid", b=0.002)
     recording = record(cradle, {1: 0.2}, duration=20.0, seed=3)
     path = write_experiment(tmp_path, [recording], stated={"b": 0.0021}, base="pendulum", release={"angle_sd": 0.0})
-    fitted = Searcher(Store(None, ""), 0, None).nearby(with_known_noise(Experiment.load(path)), {})
+    fitted = Searcher(FitCache(None, ""), 0, None).fit_from_values(with_known_noise(Experiment.load(path)), {})
     assert fitted.likelihood.names == ["b"]
-    low, high = intervals(fitted)["b"].ci95
+    low, high = compute_intervals(fitted)["b"].ci95
     assert low < fitted.values["b"] < high < 1.1 * low
 
 
@@ -107,7 +107,9 @@ def test_an_interval_that_reaches_a_bound_ends_there(tmp_path):
     recording = record(cradle, {1: 0.2}, duration=20.0, seed=3, noise=1e-3)
     path = write_experiment(tmp_path, [recording], stated={"b": 0.0021}, base="pendulum", release={"angle_sd": 0.0})
     rubbing = with_effects(with_known_noise(Experiment.load(path)), {"pivot_friction": {"tau_c": 1e-7}})
-    low, high = intervals(Searcher(Store(None, ""), 0, None).nearby(rubbing, {"b": 0.002}))["pivot_friction.tau_c"].ci95
+    low, high = compute_intervals(Searcher(FitCache(None, ""), 0, None).fit_from_values(rubbing, {"b": 0.002}))[
+        "pivot_friction.tau_c"
+    ].ci95
     assert low == 0.0 < high
 
 
@@ -120,9 +122,9 @@ def test_a_profile_holds_a_drag_that_group_drag_can_replace(tmp_path):
     experiment = with_known_noise(Experiment.load(apparatus.write(tmp_path, apparatus.record(strengths, True))))
     far = {"group_drag": {"slope": 19.9, "range": 0.01675}}
     unknown = with_effects(experiment, far, ("group_drag.slope", "group_drag.range"))
-    searcher = Searcher(Store(None, ""), 0, None)
+    searcher = Searcher(FitCache(None, ""), 0, None)
     astray = {"b": 1.9e-4, **{f"group_drag.{key}": value for key, value in far["group_drag"].items()}}
-    found = intervals(searcher.on_everything(searcher.nearby(unknown, {**apparatus.truth, **astray})))
+    found = compute_intervals(searcher.fit_all_data(searcher.fit_from_values(unknown, {**apparatus.truth, **astray})))
     for name, value in apparatus.truth.items():
         low, high = found[name].ci95
         margin = 0.3 * (high - low)  # three standard deviations
@@ -171,7 +173,7 @@ def frequencies(rise: float, impossible: bool = False) -> np.ndarray:
         likelihood=valley, experiment=valley.experiment, cradle=valley.experiment.cradle,
         point=np.array([Valley.DIP, math.log(5.0)]), chi2=0.0, coloured=(1.0, 2.0),
     )  # fmt: skip
-    points, widths = branches(fitted, 0.05, at_once)  # type: ignore[arg-type]
+    points, widths = find_alternative_modes(fitted, 0.05, compute_uncached)  # type: ignore[arg-type]
     assert np.all(widths[:, 0] == 0.0)
     np.testing.assert_allclose(points @ [2.0, 1.0], 2.0 * Valley.DIP + math.log(5.0), atol=1e-3)  # one stiffness
     return np.sort(np.exp(points[:, 0]))
@@ -202,17 +204,16 @@ def test_intervals_hold_a_frame_that_another_one_stands_for(tmp_path):
     true = apparatus.effects([1009.14])["frame_compliance"]
     assert (true["frame_mass"], true["frequency"]) == pytest.approx((0.396, 10.65), rel=1e-2)
     experiment = with_known_noise(Experiment.load(apparatus.write(tmp_path, apparatus.record([1009.14], True))))
-    searcher = Searcher(Store(None, ""), 0, None)
+    searcher = Searcher(FitCache(None, ""), 0, None)
     another = {"frame_compliance": {"frame_mass": 5.35, "frequency": 3.0, "damping_ratio": 0.011}}
-    right = searcher.nearby(with_effects(experiment, {"frame_compliance": true}), apparatus.truth)
-    fitted = Searcher(Store(None, ""), 0, None).nearby(with_effects(experiment, another), right.values | flat(
-        "frame_compliance", another["frame_compliance"]
-    ))  # fmt: skip
+    right = searcher.fit_from_values(with_effects(experiment, {"frame_compliance": true}), apparatus.truth)
+    started = right.values | flat("frame_compliance", another["frame_compliance"])
+    fitted = Searcher(FitCache(None, ""), 0, None).fit_from_values(with_effects(experiment, another), started)
     assert fitted.chi2 < right.chi2 and fitted.values["frame_compliance.frequency"] < 4.0
-    found = intervals(fitted)
+    found = compute_intervals(fitted)
     for key in ("frame_mass", "frequency", "damping_ratio"):
         low, high = found[f"frame_compliance.{key}"].ci95
         assert low <= true[key] <= high, key
-    with mock.patch.object(module, "branches", lambda fitted, *_: np.empty((2, 0, len(fitted.point)))):
-        without = intervals(fitted)
+    with mock.patch.object(module, "find_alternative_modes", lambda fitted, *_: np.empty((2, 0, len(fitted.point)))):
+        without = compute_intervals(fitted)
     assert without["frame_compliance.frame_mass"].ci95[0] > 2.0 * true["frame_mass"]

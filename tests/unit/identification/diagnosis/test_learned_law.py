@@ -16,19 +16,32 @@ from cradle_env.model_files import read_model
 from identification import Experiment, diagnose
 from identification.diagnosis.figures import law_figure
 from identification.diagnosis.learned_law import law as law_module
-from identification.diagnosis.learned_law.law import Law, _origins, advantage, learn, scales_of
-from identification.diagnosis.learned_law.law_shape import Curve, Shape, _described, terms_of
-from identification.diagnosis.learned_law.periodic_force import with_time
-from identification.diagnosis.learned_law.terms import FREQUENCY, Linear, Term, choice_beside, extended, library
+from identification.diagnosis.learned_law.law import (
+    LearnedLaw,
+    _start_origins,
+    evidence_over_effects,
+    law_scales,
+    learn_law,
+)
+from identification.diagnosis.learned_law.law_shape import Curve, LawShape, _describe_curve, describe_terms
+from identification.diagnosis.learned_law.periodic_force import add_periodic_terms
+from identification.diagnosis.learned_law.terms import (
+    FREQUENCY,
+    LinearModel,
+    Term,
+    library,
+    selection_cost_beside,
+    with_terms,
+)
 from identification.diagnosis.repair import _overtaken
 from identification.diagnosis.report import save
-from identification.diagnosis.residuals.multiple_shooting import can_be_cut, windowed
-from identification.diagnosis.selection.candidates import candidates
-from identification.diagnosis.selection.inner_validation import inner, predictions
-from identification.diagnosis.selection.model_comparison import CLOSE
-from identification.diagnosis.selection.search import Searcher, Store, only_noise
+from identification.diagnosis.residuals.multiple_shooting import can_be_segmented, fit_multiple_shooting
+from identification.diagnosis.selection.candidates import list_candidates
+from identification.diagnosis.selection.inner_validation import hold_out_last_third, predictions
+from identification.diagnosis.selection.model_comparison import EQUIVALENT_LOG_ODDS
+from identification.diagnosis.selection.search import FitCache, Searcher, only_noise
 from identification.diagnosis.stepwise import Course
-from identification.diagnosis.uncertainty.intervals import intervals
+from identification.diagnosis.uncertainty.intervals import compute_intervals
 from identification.experiment.run import Prior
 from identification.inference.fit_result import Fitted, with_known_noise
 from identification.inference.impossible_model import ImpossibleModelError
@@ -49,18 +62,18 @@ def fitted(folder, hidden: dict, bobs: int = 1, duration: float = 24.0, **model)
     cradle = SoftCradle(bobs, stiffness_factor=1e6, effects=hidden, kappa=190.0, k_f=18000.0, b=0.002)
     recording = record(cradle, {bobs: 0.3}, duration=duration, seed=3, noise=3e-4)
     path = write_experiment(folder, [recording], stated={"kappa": 187.0, "b": 0.0023}, **model)
-    searcher = Searcher(Store(None, ""), 0, None)
-    return searcher.globally(with_known_noise(Experiment.load(path))), searcher
+    searcher = Searcher(FitCache(None, ""), 0, None)
+    return searcher.fit_global(with_known_noise(Experiment.load(path))), searcher
 
 
 @pytest.mark.parametrize("gap, most, kept", [(1.9, 5.0, True), (2.1, 5.0, False), (1.9, 1.8, False), (2.1, 1.8, False)])
 def test_a_law_that_holds_no_longer_than_it_was_fitted_is_none(monkeypatch, gap, most, kept):
     """What counts is the inner prediction, where the model alone has a gap of 2 and a rival, which may be far worse
     than the model alone, asks for `most`."""
-    monkeypatch.setattr(law_module, "_free", lambda *_: SimpleNamespace(held_out_gap=lambda: gap))
+    monkeypatch.setattr(law_module, "_fit_free_run", lambda *_: SimpleNamespace(held_out_gap=lambda: gap))
     linear = SimpleNamespace(term=lambda i: i, values=lambda subset: dict.fromkeys(subset, 1.0))
-    none = Law(None, None, (), {}, 2.0, 2.0)  # type: ignore[arg-type]
-    draft = law_module._drafted(none, None, None, {}, linear, (0, 1), most)  # type: ignore[arg-type]
+    none = LearnedLaw(None, None, (), {}, 2.0, 2.0)  # type: ignore[arg-type]
+    draft = law_module._draft_extension(none, None, None, {}, linear, (0, 1), most)  # type: ignore[arg-type]
     assert (draft is not None) == kept
     if draft is not None:
         assert (draft.terms, draft.new, draft.gap) == ((0, 1), (0, 1), gap)
@@ -99,15 +112,15 @@ def test_which_of_several_laws_is_taken(monkeypatch, gap_alone, choices, taken):
                                held_out_gap=held_out_gap)  # fmt: skip
 
     left = dict(itertools.chain.from_iterable(choices))
-    monkeypatch.setattr(law_module, "_free", lambda *arguments: fit(left[arguments[4][0]], 6))
+    monkeypatch.setattr(law_module, "_fit_free_run", lambda *arguments: fit(left[arguments[4][0]], 6))
     alone = fit(5000.0, 4)
     times = np.arange(3600) / 60.0
     run = SimpleNamespace(readings=np.zeros((3600, 1)))
     monkeypatch.setattr(law_module, "training_rows", lambda _: ([times < 40.0], [times >= 40.0]))
-    part, none = SimpleNamespace(runs=(run,)), Law(alone, alone, (), {}, 2.0, 2.0)  # type: ignore[arg-type]
+    part, none = SimpleNamespace(runs=(run,)), LearnedLaw(alone, alone, (), {}, 2.0, 2.0)  # type: ignore[arg-type]
     several = [(law_module._Draft((gap,), (gap,), {}, {}, gap) for gap, _ in choice) for choice in choices]
-    found = law_module._completed(none, SimpleNamespace(workers=1), part, several)  # type: ignore[arg-type]
-    assert (found and found.inner_after) == taken
+    found = law_module._complete_best(none, SimpleNamespace(workers=1), part, several)  # type: ignore[arg-type]
+    assert (found and found.inner_gap_after) == taken
 
 
 @pytest.mark.parametrize(
@@ -135,9 +148,9 @@ def test_terms_that_the_rest_does_without_go(monkeypatch, left, gap, kept):
 
     terms = {key: tuple(term[one] for one in key) for key in left}
     by_terms = {terms[key]: chi2 for key, chi2 in left.items()}
-    monkeypatch.setattr(law_module, "_free", lambda *arguments: fit(arguments[4], by_terms[arguments[4]]))
-    full = Law(fit((), 5000.0), fit(terms["cps"], left["cps"]), terms["cps"], {}, 2.0, 1.0)  # type: ignore[arg-type]
-    found = law_module._shortened(full, SimpleNamespace(workers=1), None, 2.0)  # type: ignore[arg-type]
+    monkeypatch.setattr(law_module, "_fit_free_run", lambda *arguments: fit(arguments[4], by_terms[arguments[4]]))
+    full = LearnedLaw(fit((), 5000.0), fit(terms["cps"], left["cps"]), terms["cps"], {}, 2.0, 1.0)  # type: ignore[arg-type]
+    found = law_module._drop_weak_terms(full, SimpleNamespace(workers=1), None, 2.0)  # type: ignore[arg-type]
     assert found.terms == terms[kept]
 
 
@@ -146,10 +159,10 @@ def test_a_kink_in_the_strings_is_learned_as_a_pull_along_them(tmp_path):
     """A tension that is 4 % larger about one angle: some 0.1 N there."""
     kink = {"string_kink": {"stiffening": 0.04, "angle": 0.08, "width": 0.05}}
     base, searcher = fitted(tmp_path, kink, bobs=2)
-    found = learn(base, searcher, QUIET)
+    found = learn_law(base, searcher, QUIET)
     assert found is not None and found.fitted.values["learned_force.tug_5[*]"] == pytest.approx(0.1, rel=0.2)
     assert found.fitted.held_out_gap() < 1.3 < 3.0 < base.held_out_gap()
-    assert any("pull along the string" in line for line in Shape(found, found.fitted).words())
+    assert any("pull along the string" in line for line in LawShape(found, found.fitted).words())
 
 
 def test_drafts_that_predict_nothing_are_passed_over(monkeypatch):
@@ -160,18 +173,18 @@ def test_drafts_that_predict_nothing_are_passed_over(monkeypatch):
         tried.append(arguments[4])
         return SimpleNamespace(held_out_gap=lambda: gaps[arguments[4]])
 
-    monkeypatch.setattr(law_module, "_free", free)
+    monkeypatch.setattr(law_module, "_fit_free_run", free)
     linear = SimpleNamespace(term=lambda i: i, values=lambda subset: dict.fromkeys(subset, 1.0))
     far = SimpleNamespace(training_gap=lambda: 30.0)
-    none = Law(far, far, (), {}, 2.0, 2.0)  # type: ignore[arg-type]
-    drafts = law_module._drafts(none, None, None, {}, linear, [*gaps])  # type: ignore[arg-type]
+    none = LearnedLaw(far, far, (), {}, 2.0, 2.0)  # type: ignore[arg-type]
+    drafts = law_module._draft_extensions(none, None, None, {}, linear, [*gaps])  # type: ignore[arg-type]
     assert next(drafts).gap == 1.9 and tried == [(0, 1, 2), (0, 1)]
     assert [draft.gap for draft in drafts] == [1.2]
 
 
 def added(base, searcher, name: str):
     """The model with an effect of the catalogue, fitted."""
-    return searcher.adding(base, next(c for c in candidates(base.cradle) if c.name == name))
+    return searcher.fit_with_candidate(base, next(c for c in list_candidates(base.cradle) if c.name == name))
 
 
 @pytest.fixture(scope="module")
@@ -182,21 +195,21 @@ def rubbed(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def law(rubbed):
-    return learn(*rubbed, QUIET)
+    return learn_law(*rubbed, QUIET)
 
 
 def test_the_law_predicts_what_was_held_out(rubbed, law):
     base = rubbed[0]
     assert base.held_out_gap() > 5.0
     assert law.fitted.held_out_gap() < 1.5
-    assert law.inner_after < law.inner_before and law.log_evidence > 500.0
+    assert law.inner_gap_after < law.inner_gap_before and law.log_evidence > 500.0
     assert set(law.fitted.cradle.effects) <= {e.name for e in LEARNED}
 
 
 def test_its_curve_is_the_true_force(law):
     """b v + τ rate/(r (|rate| + 0.2)), which no term of the library is, to a tenth of its range where most readings
     are; the model without the law is three times as far off."""
-    curve = next(c for c in Shape(law, law.fitted).curves() if "against the motion" in c.title)
+    curve = next(c for c in LawShape(law, law.fitted).curves() if "against the motion" in c.title)
     r = 0.302
     true = 1e3 * (0.002 * curve.x + 1e-3 / r * (curve.x / r) / (curve.x / r + 0.2))
     inside = (curve.x > 0.2 * curve.x[-1]) & (curve.x < 0.8 * curve.x[-1])
@@ -206,10 +219,10 @@ def test_its_curve_is_the_true_force(law):
 
 
 def test_words_terms_and_picture(law):
-    shape = Shape(law, law.fitted)
+    shape = LawShape(law, law.fitted)
     assert any("against the motion" in words and "mN" in words for words in shape.words())
     assert shape.energy_taken() > 0.0
-    terms = terms_of(law, intervals(law.fitted))
+    terms = describe_terms(law, compute_intervals(law.fitted))
     assert json.dumps(terms) and all(t["ci95"][0] < t["median"] < t["ci95"][1] for t in terms)
     labels = [axes.get_xlabel() for axes in law_figure(shape).axes if axes.get_visible()]
     assert labels and all("[" in label for label in labels)
@@ -221,10 +234,10 @@ def test_a_law_outdoes_an_effect_that_bends_towards_the_truth_and_not_the_true_o
     friction is none of its kind, it gives way."""
     for hidden, given_up in (({"quadratic_drag": {"c2": 0.01}}, False), ({"smooth_friction": {"tau_c": 1e-3}}, True)):
         base, searcher = fitted(tmp_path / str(given_up), hidden)
-        named, law = added(base, searcher, "quadratic_drag"), learn(base, searcher, QUIET)
+        named, law = added(base, searcher, "quadratic_drag"), learn_law(base, searcher, QUIET)
         assert law is not None
-        assert (advantage(law, named) > CLOSE) is given_up
-        beside = learn(base, searcher, QUIET, rival=named)
+        assert (evidence_over_effects(law, named) > EQUIVALENT_LOG_ODDS) is given_up
+        beside = learn_law(base, searcher, QUIET, rival=named)
         assert beside is not None
         assert beside.terms == law.terms
 
@@ -232,14 +245,14 @@ def test_a_law_outdoes_an_effect_that_bends_towards_the_truth_and_not_the_true_o
 def test_a_law_that_begins_far_worse_than_its_rival_is_not_completed(rubbed, law, monkeypatch):
     """A gap half as large as that of the law itself would be less than the noise."""
     monkeypatch.setattr(law_module, "_FAR_WORSE", 0.5)
-    assert learn(*rubbed, QUIET, rival=law.fitted) is None
+    assert learn_law(*rubbed, QUIET, rival=law.fitted) is None
 
 
 def test_a_law_that_leaves_noise_gets_no_further_terms(rubbed, law, monkeypatch):
     assert only_noise(law.fitted)
-    looked, views = [], law_module._free_views
-    monkeypatch.setattr(law_module, "_free_views", lambda one: looked.append(one.terms) or views(one))
-    learn(*rubbed, QUIET)
+    looked, views = [], law_module._linearize_free_run
+    monkeypatch.setattr(law_module, "_linearize_free_run", lambda one: looked.append(one.terms) or views(one))
+    learn_law(*rubbed, QUIET)
     assert not any(looked)  # in what the model alone leaves, perhaps; not in what the law does
 
 
@@ -284,7 +297,7 @@ def shaken(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def swinging(shaken):
-    return learn(*shaken, QUIET)
+    return learn_law(*shaken, QUIET)
 
 
 def test_a_room_that_shakes_is_learned_with_its_frequency_and_acceleration(shaken, swinging):
@@ -293,20 +306,20 @@ def test_a_room_that_shakes_is_learned_with_its_frequency_and_acceleration(shake
     assert shaken[0].held_out_gap() > 1.5 and swinging.fitted.held_out_gap() < 1.08
     assert all(term.in_time for term in swinging.terms)
     likelihood, values = swinging.fitted.likelihood, swinging.fitted.values
-    found = intervals(swinging.fitted)[FREQUENCY]
+    found = compute_intervals(swinging.fitted)[FREQUENCY]
     sd = (found.ci95[1] - found.ci95[0]) / 3.92
     assert abs(found.median - 1.4) < 3.0 * sd and sd < 0.25 / 16.0 / 3.0
     force = 0.2813 * 0.01 * np.array([np.sin(1.0), np.cos(1.0)])
     names = [f"learned_force.{key}[*]" for key in ("cosine", "sine")]
     size = np.hypot(*(values[name] for name in names))
-    places = [likelihood.names.index(name) for name in names]
+    tests = [likelihood.names.index(name) for name in names]
     along = np.array([values[name] for name in names]) / size
-    sd = np.sqrt(along @ swinging.fitted.covariance[np.ix_(places, places)] @ along)
+    sd = np.sqrt(along @ swinging.fitted.covariance[np.ix_(tests, tests)] @ along)
     assert abs(size - np.hypot(*force)) < 3.0 * sd and sd < 0.1 * size / 3.0
 
 
 def test_it_is_drawn_and_put_in_words(swinging):
-    shape = Shape(swinging, swinging.fitted)
+    shape = LawShape(swinging, swinging.fitted)
     (curve,) = shape.curves()
     assert curve.x_label == "time [s]" and curve.x[-1] == pytest.approx(2.0 / 1.4, rel=0.01)
     true = 1e3 * 0.2813 * 0.01 * np.sin(2 * np.pi * 1.4 * curve.x + 1.0)
@@ -314,20 +327,20 @@ def test_it_is_drawn_and_put_in_words(swinging):
     (words,) = shape.words()
     assert words.startswith("on bob 1, a horizontal force swinging at 1.") and "Hz, up to 2.8 mN" in words
     assert np.isfinite(shape.energy_taken()) and shape.energy_taken() != 0.0
-    names = {term["name"] for term in terms_of(swinging, intervals(swinging.fitted))}
+    names = {term["name"] for term in describe_terms(swinging, compute_intervals(swinging.fitted))}
     assert names <= {"learned_force.cosine[*]", "learned_force.sine[*]"} and names
 
 
 def test_the_force_of_a_room_keeps_time_over_all_windows(shaken):
     """One force, one phase, over all windows saves nine tenths of what noise does not explain; each window with a time
     of its own, a tenth was saved."""
-    scales = scales_of(shaken[0])
-    timed = with_time(Linear.of(windowed(shaken[0]), scales), scales, ())
+    scales = law_scales(shaken[0])
+    timed = add_periodic_terms(LinearModel.of(fit_multiple_shooting(shaken[0]), scales), scales, ())
     assert timed is not None
     linear, scales = timed
     assert scales["frequency"] == pytest.approx(1.4, abs=0.25 / 16.0)
-    pair = tuple(i for i in range(1, len(linear.h)) if linear.term(i).in_time and linear.term(i).which == 0)
-    without, left = (np.sum(linear.solved(subset)[0] ** 2) for subset in ((), pair))
+    pair = tuple(i for i in range(1, len(linear.h)) if linear.term(i).in_time and linear.term(i).element == 0)
+    without, left = (np.sum(linear.solve(subset)[0] ** 2) for subset in ((), pair))
     noise = len(linear.fitted.residuals) - len(linear.fitted.point)
     assert len(pair) == 2 and without - left > 0.8 * (without - noise)
 
@@ -337,20 +350,23 @@ def test_runs_at_several_times_share_no_force_in_time(tmp_path):
     cradle = SoftCradle(1, stiffness_factor=1e6, kappa=190.0, k_f=18000.0, b=0.002)
     recordings = [record(cradle, {1: angle}, duration=8.0, seed=3, noise=3e-4) for angle in (0.3, 0.2, 0.1)]
     experiment = with_known_noise(Experiment.load(write_experiment(tmp_path, recordings)))
-    alike = dataclasses.replace(experiment, runs=tuple(dataclasses.replace(r, file="a.csv") for r in experiment.runs))
-    for runs in (experiment, alike):  # whatever their files are called
-        base = Searcher(Store(None, ""), 0, None).nearby(runs, {})
-        assert with_time(Linear.of(windowed(base), scales_of(base)), scales_of(base), ()) is None
+    shared = dataclasses.replace(experiment, runs=tuple(dataclasses.replace(r, file="a.csv") for r in experiment.runs))
+    for runs in (experiment, shared):  # whatever their files are called
+        base = Searcher(FitCache(None, ""), 0, None).fit_from_values(runs, {})
+        assert (
+            add_periodic_terms(LinearModel.of(fit_multiple_shooting(base), law_scales(base)), law_scales(base), ())
+            is None
+        )
 
 
 def test_a_single_window_shows_no_force_in_time(tmp_path):
     """Of 6.6 s, 4.4 are fitted."""
     cradle = SoftCradle(1, stiffness_factor=1e6, kappa=190.0, k_f=18000.0, b=0.002)
     path = write_experiment(tmp_path, [record(cradle, {1: 0.3}, duration=6.6, seed=3, noise=3e-4)])
-    base = Searcher(Store(None, ""), 0, None).nearby(with_known_noise(Experiment.load(path)), {})
-    cut = windowed(base)
+    base = Searcher(FitCache(None, ""), 0, None).fit_from_values(with_known_noise(Experiment.load(path)), {})
+    cut = fit_multiple_shooting(base)
     assert len(cut.experiment.runs) == 1
-    assert with_time(Linear.of(cut, scales_of(base)), scales_of(base), ()) is None
+    assert add_periodic_terms(LinearModel.of(cut, law_scales(base)), law_scales(base), ()) is None
 
 
 @pytest.mark.parametrize("name, mean, sd", [("b", 1e-4, 1e-3), ("k_f", 1000.0, 5000.0)])
@@ -358,8 +374,10 @@ def test_windows_of_a_model_whose_drag_or_dissipation_may_be_none(name, mean, sd
     """A normal prior reaches below zero, where there is no cradle; what is stated beside it is not of these data."""
     cradle = Cradle(bobs=2, kappa=190.0, **({"b": 1e-5} if name == "b" else {"k_f": 200.0}))
     run = simulated_run(cradle, angle=0.3, duration=12.0)
-    base = Searcher(Store(None, ""), 0, 1).nearby(Experiment(cradle, (run,), {name: Prior(mean=mean, sd=sd)}), {})
-    assert windowed(base).values[name] >= 0.0
+    base = Searcher(FitCache(None, ""), 0, 1).fit_from_values(
+        Experiment(cradle, (run,), {name: Prior(mean=mean, sd=sd)}), {}
+    )
+    assert fit_multiple_shooting(base).values[name] >= 0.0
 
 
 def test_bands_do_not_hang_on_how_an_unknown_is_sampled():
@@ -371,9 +389,9 @@ def test_bands_do_not_hang_on_how_an_unknown_is_sampled():
     for infer in ({}, {"k_f": Prior(mean=18000.0, sd=90000.0)}):
         likelihood = Likelihood(Experiment(cradle, (run,), infer), None, 1)
         base = Fitted(likelihood, likelihood.start())
-        whole = Likelihood(extended(base.experiment, scales_of(base), terms), None, 1)
+        whole = Likelihood(with_terms(base.experiment, law_scales(base), terms), None, 1)
         fit = Fitted(whole, placed(whole, {"k_f": cradle.k_f}))
-        bands.append(Shape(Law(base, fit, terms, {}, 1.0, 1.0), fit)._of_impacts().band[-1])
+        bands.append(LawShape(LearnedLaw(base, fit, terms, {}, 1.0, 1.0), fit)._impact_curve().band[-1])
     assert bands[1] == pytest.approx(bands[0], rel=0.05)
 
 
@@ -383,12 +401,12 @@ def test_impacts_that_take_the_same_speed_each_are_put_in_words():
     run = simulated_run(cradle, angle=0.3, duration=10.0)
     likelihood = Likelihood(Experiment(cradle, (run,), {}), None, 1)
     base = Fitted(likelihood, likelihood.start())
-    scales, said = scales_of(base), []
+    scales, said = law_scales(base), []
     for key, value in (("wet", -5e-3 / scales["speed"]), ("level", -0.02)):
         terms = (Term("learned_impact", key, 0, True),)
-        whole = Likelihood(extended(base.experiment, scales, terms), None, 1)
+        whole = Likelihood(with_terms(base.experiment, scales, terms), None, 1)
         fit = Fitted(whole, placed(whole, {"k_f": 20.0, terms[0].name: value}))
-        said += Shape(Law(base, fit, terms, scales, 1.0, 1.0), fit).words()
+        said += LawShape(LearnedLaw(base, fit, terms, scales, 1.0, 1.0), fit).words()
     assert "every impact takes about the same speed, 5" in said[0] and "mm/s" in said[0]
     assert "e departs from that of the model" in said[1] and len(said) == 2
 
@@ -398,30 +416,30 @@ def test_what_goes_on_beside_the_motion_cannot_be_cut_into_windows():
     at rest."""
     creep = {"string_creep": {"rate": 1e-5}}
     frame = {"frame_compliance": {"frame_mass": 20.0, "frequency": 6.0, "damping_ratio": 0.05}}
-    assert [can_be_cut(Cradle(bobs=2, effects=e)) for e in ({}, creep, frame)] == [True, False, False]
+    assert [can_be_segmented(Cradle(bobs=2, effects=e)) for e in ({}, creep, frame)] == [True, False, False]
 
 
 def test_nothing_is_learned_of_noise(tmp_path):
     base, searcher = fitted(tmp_path, {})
-    law = learn(base, searcher, QUIET)
+    law = learn_law(base, searcher, QUIET)
     assert law is None or law.fitted.held_out_gap() < 1.05
 
 
 def test_windows_have_the_derivatives_of_the_plain_differences(tmp_path):
     """All windows moved at once; two bobs with every kind of start state."""
     base, _ = fitted(tmp_path, {}, bobs=2, duration=12.0)
-    view = windowed(base)
+    view = fit_multiple_shooting(base)
     assert len(view.experiment.runs) > 1
     np.testing.assert_array_equal(view.jacobian, jacobian(view.likelihood, view.point, view.residuals))
 
 
 def test_linear_models_save_what_refits_save(rubbed):
     """The χ² that the linear model of a subset leaves is that of its projections."""
-    linear = Linear.of(windowed(rubbed[0]), scales_of(rubbed[0]))
-    alone = np.sum(linear.solved(())[0] ** 2)
-    for subset in linear.path(3):
-        saved = alone - np.sum(linear.solved(subset)[0] ** 2)
-        assert saved == pytest.approx(linear.saved(subset) - linear.saved(()), rel=1e-3)
+    linear = LinearModel.of(fit_multiple_shooting(rubbed[0]), law_scales(rubbed[0]))
+    alone = np.sum(linear.solve(())[0] ** 2)
+    for subset in linear.subset_path(3):
+        saved = alone - np.sum(linear.solve(subset)[0] ** 2)
+        assert saved == pytest.approx(linear.chi2_gain(subset) - linear.chi2_gain(()), rel=1e-3)
     assert {term.effect for term in library(rubbed[0].cradle)} == {"learned_force"}
 
 
@@ -432,14 +450,14 @@ def test_whether_a_free_run_is_in_step_hangs_on_the_motion_it_misses(rubbed):
     runs = tuple(dataclasses.replace(run, noise=0.1 * run.noise) for run in base.experiment.runs)
     likelihood = searcher.likelihood(dataclasses.replace(base.experiment, runs=runs))
     assert Fitted(likelihood, base.point).training_gap() > 10.0
-    assert law_module._in_step(Fitted(likelihood, base.point))
+    assert law_module._is_in_step(Fitted(likelihood, base.point))
     stopped = placed(likelihood, base.values | {"b": 10.0 * base.values["b"]})
-    assert not law_module._in_step(Fitted(likelihood, stopped))
+    assert not law_module._is_in_step(Fitted(likelihood, stopped))
     # Nor does where x is counted from add to the motion: here a hundred times as far away as the bob swings.
     away = tuple(dataclasses.replace(run, readings=run.readings + 30.0, rest="free") for run in runs)
     shifted = SimpleNamespace(experiment=SimpleNamespace(runs=away), likelihood=likelihood,
                               chi2=Fitted(likelihood, stopped).chi2, training_gap=lambda: 100.0)  # fmt: skip
-    assert not law_module._in_step(shifted)  # type: ignore[arg-type]
+    assert not law_module._is_in_step(shifted)  # type: ignore[arg-type]
 
 
 def test_scales_are_those_of_the_training_part(rubbed):
@@ -452,33 +470,33 @@ def test_scales_are_those_of_the_training_part(rubbed):
             for run, rows in zip(base.experiment.runs, base.likelihood.rows, strict=True)
         )
         seen = SimpleNamespace(cradle=base.cradle, likelihood=base.likelihood, experiment=SimpleNamespace(runs=runs))
-        return scales_of(seen)  # type: ignore[arg-type]
+        return law_scales(seen)  # type: ignore[arg-type]
 
     assert 0.5 < np.mean(base.likelihood.rows) < 0.7
-    assert scales(0.0) == scales(5.0) == pytest.approx(scales_of(base), rel=0.05)
+    assert scales(0.0) == scales(5.0) == pytest.approx(law_scales(base), rel=0.05)
 
 
 def test_further_terms_set_nothing_that_a_law_has(tmp_path):
     """Two bobs: what is common to both leaves no room for either, nor either for what is common."""
     base, _ = fitted(tmp_path, {}, bobs=2, duration=4.0)
-    linear = Linear.of(base, scales_of(base))
+    linear = LinearModel.of(base, law_scales(base))
     common, single = Term("learned_force", "cubic", 0), Term("learned_force", "cubic", 1)
     assert {common, single} <= set(linear.terms)
-    assert not {common, single} & set(Linear.of(base, scales_of(base), (common,)).terms)
-    assert Term("learned_force", "cubic", 2) in Linear.of(base, scales_of(base), (single,)).terms
-    alike = linear.alike()
-    assert {term.which for term in alike.terms} == {0} and common in alike.terms
-    place = 1 + list(alike.seen).index(alike.terms.index(common))
-    whole = 1 + list(linear.seen).index(linear.terms.index(common))
-    assert alike.saved((place,)) == pytest.approx(linear.saved((whole,)), rel=1e-9)
+    assert not {common, single} & set(LinearModel.of(base, law_scales(base), (common,)).terms)
+    assert Term("learned_force", "cubic", 2) in LinearModel.of(base, law_scales(base), (single,)).terms
+    shared = linear.with_common_terms()
+    assert {term.element for term in shared.terms} == {0} and common in shared.terms
+    place = 1 + list(shared.visible).index(shared.terms.index(common))
+    whole = 1 + list(linear.visible).index(linear.terms.index(common))
+    assert shared.chi2_gain((place,)) == pytest.approx(linear.chi2_gain((whole,)), rel=1e-9)
 
 
 def test_far_above_the_noise_an_effect_must_predict(shaken):
     """In a room that shakes, a tenth of the noise stated: a camera that hangs askew gains χ² and predicts nothing; a
     clock that is off follows the force for longer than it was fitted."""
-    searcher = Searcher(Store(None, ""), 0, None)
+    searcher = Searcher(FitCache(None, ""), 0, None)
     runs = tuple(dataclasses.replace(run, noise=0.1 * run.noise) for run in shaken[0].experiment.runs)
-    base = searcher.globally(dataclasses.replace(shaken[0].experiment, runs=runs))
+    base = searcher.fit_global(dataclasses.replace(shaken[0].experiment, runs=runs))
     for name, predicts in (("angle_offset", False), ("clock_scale", True)):
         more = added(base, searcher, name)
         gaps = predictions(base, more, searcher)
@@ -488,7 +506,7 @@ def test_far_above_the_noise_an_effect_must_predict(shaken):
 
 def test_the_inner_split_never_sees_what_is_held_out(rubbed):
     experiment = rubbed[0].experiment
-    part = inner(experiment).runs[0]
+    part = hold_out_last_third(experiment).runs[0]
     split = 2.0 / 3.0 * experiment.runs[0].times[-1]
     assert part.times[-1] <= split < experiment.runs[0].times[-1]
     assert part.held_out.any() and part.fit_to == pytest.approx(2.0 / 3.0 * split, rel=0.01)
@@ -500,9 +518,9 @@ def test_the_real_pendulum():
     if not DATA.is_dir():
         pytest.skip(f"no data in {DATA}")
     experiment = with_known_noise(Experiment.load(DATA / "real-pendulum" / "experiment.toml"))
-    searcher = Searcher(Store(None, ""), 0, None)
-    base = searcher.globally(experiment)
-    law = learn(base, searcher, QUIET)
+    searcher = Searcher(FitCache(None, ""), 0, None)
+    base = searcher.fit_global(experiment)
+    law = learn_law(base, searcher, QUIET)
     assert law is not None
     before, after = (experiment.runs[0].noise * model.held_out_gap() for model in (base, law.fitted))
     assert before > 0.05 and after < 0.016
@@ -511,7 +529,7 @@ def test_the_real_pendulum():
 def test_words_for_a_curve_have_minus_signs():
     x = np.linspace(-0.1, 0.1, 5)
     curve = Curve("bob 1: at rest, by angle", "θ [rad]", "force [mN]", x, np.array([-1.3, 0.0, 0.0, 0.0, 0.0]), 0.0 * x)
-    assert _described(curve) == "on bob 1, a push that depends on the angle, −1.3 mN at −0.1 rad"
+    assert _describe_curve(curve) == "on bob 1, a push that depends on the angle, −1.3 mN at −0.1 rad"
 
 
 @pytest.mark.parametrize(
@@ -520,7 +538,7 @@ def test_words_for_a_curve_have_minus_signs():
 )
 def test_names_that_a_law_overtakes_get_no_further_ones(monkeypatch, models, gap, over, overtaken):
     """By its advantage over two names that leave more than noise; far above the noise, no law of few terms is all."""
-    monkeypatch.setattr("identification.diagnosis.repair.advantage", lambda *_: over)
+    monkeypatch.setattr("identification.diagnosis.repair.evidence_over_effects", lambda *_: over)
     examined = SimpleNamespace(fitted=SimpleNamespace(training_gap=lambda: gap), significant=True)
     law_beside = lambda *_: None if over is None else "law"  # noqa: E731
     course = SimpleNamespace(examined=[examined] * models, law_beside=law_beside)
@@ -531,18 +549,18 @@ def test_names_that_a_law_overtakes_get_no_further_ones(monkeypatch, models, gap
 def test_a_law_is_fitted_from_the_stated_stiffness_too_where_what_lacks_took_it_far(kappa, origins):
     """A magnet beside one bob took κ from 190 to 899 N/m, from where its own law predicted nothing."""
     likelihood = SimpleNamespace(start=lambda: None, values=lambda _: {"kappa": 190.0, "b": 0.002})
-    found = _origins(SimpleNamespace(likelihood=likelihood, values={"kappa": kappa}))  # type: ignore[arg-type]
+    found = _start_origins(SimpleNamespace(likelihood=likelihood, values={"kappa": kappa}))  # type: ignore[arg-type]
     assert found == [{}, {"kappa": 190.0}][:origins]
 
 
 def test_a_law_of_rigid_strings_has_no_stiffness_to_begin_with():
     likelihood = SimpleNamespace(start=lambda: None, values=lambda _: {"b": 0.002})
-    assert _origins(SimpleNamespace(likelihood=likelihood, values={"b": 0.003})) == [{}]  # type: ignore[arg-type]
+    assert _start_origins(SimpleNamespace(likelihood=likelihood, values={"b": 0.003})) == [{}]  # type: ignore[arg-type]
 
 
 def test_a_law_is_learned_once_beside_each_rival(monkeypatch):
     asked = []
-    monkeypatch.setattr("identification.diagnosis.stepwise.learn", lambda fitted, *_: asked.append(fitted))
+    monkeypatch.setattr("identification.diagnosis.stepwise.learn_law", lambda fitted, *_: asked.append(fitted))
     course = Course(None, 0, (), QUIET)  # type: ignore[arg-type]
     for fitted, rival in (("a", "b"), ("a", "b"), ("a", "c"), ("d", "c")):
         assert course.law_beside(fitted, rival) is None  # type: ignore[arg-type]
@@ -554,19 +572,21 @@ def test_near_the_noise_a_law_pays_for_the_choice_of_its_terms():
     cradle = Cradle(bobs=1)
     near, far = (SimpleNamespace(cradle=cradle, residuals=np.full(9, size), count=9) for size in (1.0, 30.0))
     terms = len(library(cradle))
-    assert choice_beside(near, 1) == pytest.approx(math.log(terms))  # type: ignore[arg-type]
-    assert choice_beside(near, 2) == pytest.approx(math.log(terms * (terms - 1) / 2))  # type: ignore[arg-type]
-    assert choice_beside(far, 2) == 0.0  # type: ignore[arg-type]
+    assert selection_cost_beside(near, 1) == pytest.approx(math.log(terms))  # type: ignore[arg-type]
+    assert selection_cost_beside(near, 2) == pytest.approx(math.log(terms * (terms - 1) / 2))  # type: ignore[arg-type]
+    assert selection_cost_beside(far, 2) == 0.0  # type: ignore[arg-type]
 
-    def law(before) -> Law:
+    def law(before) -> LearnedLaw:
         fit = SimpleNamespace(chi2=50.0, point=np.zeros(1), coloured=(1.0, math.e), cradle=cradle)
-        return Law(before, fit, (library(cradle)[0],), {}, 2.0, 1.0)  # type: ignore[arg-type]
+        return LearnedLaw(before, fit, (library(cradle)[0],), {}, 2.0, 1.0)  # type: ignore[arg-type]
 
     for one in (near, far):
         one.chi2, one.point = 100.0, np.zeros(0)
     assert law(far).log_evidence - law(near).log_evidence == pytest.approx(math.log(terms))
-    linear = SimpleNamespace(fitted=near, saved=lambda subset: 20.0 * len(subset), term=lambda _: library(cradle)[0])
-    assert Linear.log_evidence(linear, (1,), 1.0, math.e) == pytest.approx(9.5 - math.log(terms))  # type: ignore[arg-type]
+    linear = SimpleNamespace(
+        fitted=near, chi2_gain=lambda subset: 20.0 * len(subset), term=lambda _: library(cradle)[0]
+    )
+    assert LinearModel.log_evidence(linear, (1,), 1.0, math.e) == pytest.approx(9.5 - math.log(terms))  # type: ignore[arg-type]
 
 
 def test_along_strings_that_do_not_stretch_nothing_is_learned():

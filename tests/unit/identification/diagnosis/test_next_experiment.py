@@ -11,12 +11,18 @@ from scipy.stats import multivariate_normal
 
 from identification import Experiment
 from identification.cli.app import main
-from identification.diagnosis.next_experiment.design import FORMAT, _asked
+from identification.diagnosis.next_experiment.design import FORMAT, _read_request
 from identification.diagnosis.next_experiment.design_report import check_folder
 from identification.diagnosis.next_experiment.expected_information import _lambda_gradient, advise_on_lambda
-from identification.diagnosis.next_experiment.planned_run import Instrument, Planned, Setting, View, log_bayes
-from identification.diagnosis.selection.candidates import candidates
-from identification.diagnosis.selection.search import Searcher, Store
+from identification.diagnosis.next_experiment.planned_run import (
+    Instrument,
+    LinearizedRun,
+    PlannedRun,
+    Setting,
+    expected_log_bayes,
+)
+from identification.diagnosis.selection.candidates import list_candidates
+from identification.diagnosis.selection.search import FitCache, Searcher
 from identification.inference.fit_result import with_known_noise
 from identification.storage.schema import check
 from identification.storage.stamps import write_listed
@@ -37,11 +43,11 @@ def written(folder, hidden):
 
 def fitted(path, *names):
     """The model as stated, or with an effect each, fitted to all of an experiment."""
-    searcher = Searcher(Store(None, ""), 0, 1)
-    base = searcher.globally(with_known_noise(Experiment.load(path)))
-    known = {c.name: c for c in candidates(base.cradle)}
-    models = [searcher.adding(base, known[name]) for name in names] or [base]
-    return [searcher.on_everything(model) for model in models]
+    searcher = Searcher(FitCache(None, ""), 0, 1)
+    base = searcher.fit_global(with_known_noise(Experiment.load(path)))
+    known = {c.name: c for c in list_candidates(base.cradle)}
+    models = [searcher.fit_with_candidate(base, known[name]) for name in names] or [base]
+    return [searcher.fit_all_data(model) for model in models]
 
 
 @pytest.fixture(scope="module")
@@ -63,15 +69,19 @@ def test_expected_log_bayes_of_normal_predictions():
     """Against draws: each view predicts N(f, 1 + S C Sᵀ)."""
     rng = np.random.default_rng(0)
     views = [
-        View(["a", "b"], np.zeros(6), rng.normal(size=6), rng.normal(size=(6, 2)), np.diag(rng.uniform(0.5, 3.0, 2)))
+        LinearizedRun(
+            ["a", "b"], np.zeros(6), rng.normal(size=6), rng.normal(size=(6, 2)), np.diag(rng.uniform(0.5, 3.0, 2))
+        )
         for _ in range(2)
     ]
     normals = [multivariate_normal(v.model, np.eye(6) + v.S @ np.linalg.inv(v.precision) @ v.S.T) for v in views]
     drawn = normals[0].rvs(20000, random_state=1)
     ratios = normals[0].logpdf(drawn) - normals[1].logpdf(drawn)
-    one, other = (SimpleNamespace(view=view) for view in views)
-    assert log_bayes(one, other, 1.0) == pytest.approx(ratios.mean(), abs=4.0 * ratios.std() / math.sqrt(20000))
-    assert log_bayes(one, one, 1.0) == pytest.approx(0.0, abs=1e-12)
+    one, other = (SimpleNamespace(linearized=view) for view in views)
+    assert expected_log_bayes(one, other, 1.0) == pytest.approx(
+        ratios.mean(), abs=4.0 * ratios.std() / math.sqrt(20000)
+    )
+    assert expected_log_bayes(one, one, 1.0) == pytest.approx(0.0, abs=1e-12)
 
 
 def test_one_bob_tells_nothing_of_impacts(plain, small_grid):
@@ -92,7 +102,7 @@ def test_chaos_is_not_followed(plain):
     (model,) = fitted(plain)
     instrument = Instrument.of(model)
     calm, wild = (
-        Planned(model, instrument.run(Setting(2, 1, angle, delta), 60.0)).followed
+        PlannedRun(model, instrument.run(Setting(2, 1, angle, delta), 60.0)).predictable_duration
         for angle, delta in ((0.2, 0.0), (0.8, 0.01))
     )
     assert calm == math.inf and wild < 60.0
@@ -101,7 +111,7 @@ def test_chaos_is_not_followed(plain):
 def test_old_data_count_as_in_a_joint_fit(plain):
     """The prior of a planned run is the posterior of the old one: a tenth of its width, not of the stated bounds."""
     (model,) = fitted(plain)
-    planned = Planned(model, Instrument.of(model).run(Setting(2, 1, 0.2, 0.0), 8.0))
+    planned = PlannedRun(model, Instrument.of(model).run(Setting(2, 1, 0.2, 0.0), 8.0))
     k, old = planned.names.index("k_f"), model.likelihood.names.index("k_f")
     assert np.linalg.inv(planned.precision)[k, k] == pytest.approx(model.covariance[old, old], rel=1e-6)
     error = planned.names.index("release_angle_error@1")
@@ -136,12 +146,12 @@ def test_the_recommended_run_tells_what_was_expected(dragged, small_grid, tmp_pa
     setting = Setting(best["bobs"], best["release"]["bobs"], best["release"]["angle"], best["delta"])
     models = fitted(dragged, *names)
     run = Instrument.of(models[0]).run(setting, best["duration"])
-    planned = [Planned(model, run) for model in models]
+    planned = [PlannedRun(model, run) for model in models]
     cradle = soft(setting.bobs, {"quadratic_drag": {"c2": 0.02}})
     told = []
     for seed in range(9, 17):
         recorded = record(cradle, {setting.bobs: setting.angle}, duration=best["duration"], seed=seed)
-        drag, friction = (model.given(recorded.readings).log_evidence({}) for model in planned)
+        drag, friction = (model.with_readings(recorded.readings).log_evidence({}) for model in planned)
         told.append(drag - friction)
     assert min(told) > 3.0
     assert 0.5 < np.mean(told) / best["simulated"] < 2.0
@@ -178,12 +188,12 @@ def test_a_diagnosis_is_taken_over(plain, tmp_path, capsys):
     }  # fmt: skip
     digest = Experiment.load(plain).digest
     (kept / "diagnosis.json").write_text(json.dumps(found | {"inputs": digest}), encoding="utf-8")
-    asked = _asked(Experiment.load(plain), (), kept)
+    asked = _read_request(Experiment.load(plain), (), kept)
     assert asked.certain == ("quadratic_drag",) and asked.sets == (("added_mass",), ("length_mismatch",))
     assert "length_mismatch" in asked.each and asked.model.digest == digest
     assert not asked.model.cradle.has("radial_elasticity") and not asked.model.cradle.has("string_hysteresis")
     with pytest.raises(ValueError, match="alone"):  # the same twice
-        _asked(Experiment.load(plain), ("added_mass+clock_scale", "clock_scale+added_mass+added_mass"), None)
+        _read_request(Experiment.load(plain), ("added_mass+clock_scale", "clock_scale+added_mass+added_mass"), None)
     for folder, text, words in (
         (kept, json.dumps(found | {"inputs": digest}), "would be lost"),
         (out, json.dumps(found | {"inputs": "other"}), "of another experiment"),

@@ -7,9 +7,9 @@ import pytest
 from cradle_env import Cradle
 from identification import Experiment
 from identification.diagnosis.result import Diagnosis
-from identification.diagnosis.selection.inner_validation import FAR
-from identification.diagnosis.selection.rigid_strings import simpler, taken_out
-from identification.diagnosis.selection.search import Searcher, Store
+from identification.diagnosis.selection.inner_validation import MISSPECIFIED_GAP
+from identification.diagnosis.selection.rigid_strings import choose_base_model, describe_removed_effects
+from identification.diagnosis.selection.search import FitCache, Searcher
 from identification.inference.fit_result import with_known_noise
 from tests.reference.laboratory import record, write_experiment
 from tests.reference.soft_contact import SoftCradle
@@ -22,20 +22,20 @@ def base_of(folder, strings, offset, **entries):
     recording = record(cradle, {2: 0.228}, duration=12.0, seed=4)
     entries = {"infer": {"length": {"mean": 0.3, "sd": 0.003}}, **entries}
     path = write_experiment(folder, [recording], run={"state": "free", "release": None}, **entries)
-    searcher = Searcher(Store(None, ""), 0, None)
-    return searcher.globally(with_known_noise(Experiment.load(path))), searcher
+    searcher = Searcher(FitCache(None, ""), 0, None)
+    return searcher.fit_global(with_known_noise(Experiment.load(path))), searcher
 
 
 @pytest.mark.slow
 def test_strings_that_do_not_show_are_taken_as_rigid(tmp_path):
     given, searcher = base_of(tmp_path, "rigid", 0.01)
-    rigid = simpler(given, searcher, lambda *_: None)
+    rigid = choose_base_model(given, searcher, lambda *_: None)
     assert rigid.cradle.model == "nsp"
     assert [e.name for e in given.cradle.composition if not rigid.cradle.has(e.name)] == [
         "radial_elasticity", "string_hysteresis"
     ]  # fmt: skip
     assert len(given.point) - len(rigid.point) == 1 + 2 * 3  # κ, and stretch, its rate and the tension of each bob
-    (told,) = taken_out(rigid, given)
+    (told,) = describe_removed_effects(rigid, given)
     assert "radial_elasticity and string_hysteresis" in told
     assert "7 more unknowns" in told
     for base, name in ((rigid, "with rigid strings"), (given, "as given")):
@@ -46,10 +46,10 @@ def test_strings_that_do_not_show_are_taken_as_rigid(tmp_path):
 @pytest.mark.slow
 def test_strings_that_show_stay(tmp_path):
     given, searcher = base_of(tmp_path, "hysteretic", 0.01)
-    assert given.training_gap() > FAR
-    kept = simpler(given, searcher, lambda *_: None)
+    assert given.training_gap() > MISSPECIFIED_GAP
+    kept = choose_base_model(given, searcher, lambda *_: None)
     assert kept.cradle.has("radial_elasticity")
-    assert taken_out(kept, given) == []
+    assert describe_removed_effects(kept, given) == []
 
 
 @pytest.mark.parametrize(
@@ -66,4 +66,4 @@ def test_what_is_known_or_near_the_noise_is_not_questioned(gap, infer, unknown):
     named = ("string_creep.rate",) if unknown else ()
     experiment = SimpleNamespace(infer=infer, unknown_effect_parameters=named)
     given = SimpleNamespace(cradle=cradle, experiment=experiment, training_gap=lambda: gap)
-    assert simpler(given, None, None) is given  # type: ignore[arg-type]  # nothing is searched for
+    assert choose_base_model(given, None, None) is given  # type: ignore[arg-type]  # nothing is searched for

@@ -5,8 +5,8 @@ from types import SimpleNamespace
 import pytest
 
 from identification.diagnosis.selection import model_comparison
-from identification.diagnosis.selection.candidates import Candidate, candidates, with_effects
-from identification.diagnosis.selection.search import Searcher, Store
+from identification.diagnosis.selection.candidates import Candidate, list_candidates, with_effects
+from identification.diagnosis.selection.search import FitCache, Searcher
 from identification.diagnosis.selection.start_values import standing_in
 from identification.experiment.experiment import Experiment
 from identification.inference.fit_result import Fitted, with_known_noise
@@ -29,14 +29,14 @@ def fits(request, tmp_path_factory):
     cradle = SoftCradle(bobs, stiffness_factor=1e4, effects=hidden, **TRUTH)
     recording = record(cradle, {bobs: 0.228}, duration=16.0, seed=4)
     path = write_experiment(tmp_path_factory.mktemp("longer"), [recording], stated=TRUTH)
-    base = Searcher(Store(None, ""), 0, None).likelihood(with_known_noise(Experiment.load(path)))
+    base = Searcher(FitCache(None, ""), 0, None).likelihood(with_known_noise(Experiment.load(path)))
     other = Likelihood(with_effects(base.experiment, hidden), base.rows)
     return Fitted(base, base.start()), Fitted(other, placed(other, TRUTH | flat(*next(iter(hidden.items())))))
 
 
-def wanted(fits, name: str, alike: bool = False):
+def wanted(fits, name: str, shared: bool = False):
     """The candidate of a name, and the only values it is to begin with."""
-    candidate = next(c for c in candidates(fits[0].cradle) if c.name == name and c.alike == alike)
+    candidate = next(c for c in list_candidates(fits[0].cradle) if c.name == name and c.shared == shared)
     (values,) = standing_in(*fits, candidate)
     return candidate, values
 
@@ -66,7 +66,7 @@ def test_the_same_effect_is_said_with_one_value(fits):
     uneven = [0.5 * LONGER, 1.5 * LONGER]
     values = {f"length_mismatch.relative[{i}]": value for i, value in enumerate(uneven, 1)}
     other = Fitted(other.likelihood, placed(other.likelihood, other.values | values))
-    assert wanted((base, other), "length_mismatch", alike=True)[1] == {"relative": pytest.approx([LONGER] * 2)}
+    assert wanted((base, other), "length_mismatch", shared=True)[1] == {"relative": pytest.approx([LONGER] * 2)}
     assert wanted((base, other), "length_mismatch")[1] == {"relative": pytest.approx(uneven)}
 
 
@@ -77,18 +77,18 @@ def test_what_came_from_infinity_tells_nothing(fits):
     shaken = with_effects(base.experiment, {"frame_compliance": frame})
     likelihood = Likelihood(shaken, base.likelihood.rows)
     other = Fitted(likelihood, likelihood.start())
-    clock = next(c for c in candidates(base.cradle) if c.name == "clock_scale")
+    clock = next(c for c in list_candidates(base.cradle) if c.name == "clock_scale")
     assert standing_in(base, other, clock) == []
 
 
 def test_what_was_fitted_from_elsewhere_is_fitted_again(fits):
     """Refits in the place of another are kept by where they begin, too."""
     base, other = fits
-    store, clock = Store(None, ""), next(c for c in candidates(base.cradle) if c.name == "clock_scale")
-    Searcher(store, 0, None).adding_beside(base, clock, other)
+    store, clock = FitCache(None, ""), next(c for c in list_candidates(base.cradle) if c.name == "clock_scale")
+    Searcher(store, 0, None).fit_with_candidate_from_mode(base, clock, other)
     counted = len(store.points)
     for times in (1, 2):
-        Searcher(store, 0, None).adding_beside(base, clock, other, standing_in(base, other, clock))
+        Searcher(store, 0, None).fit_with_candidate_from_mode(base, clock, other, standing_in(base, other, clock))
         assert len(store.points) == counted + 1, times
 
 
@@ -101,7 +101,9 @@ def test_what_looks_the_same_begins_where_it_stands_in(monkeypatch):
         for candidate, parallel in ((best, (same,)), (same, (best,)), (another, ()))
     ]
     begun = {}
-    searcher = SimpleNamespace(adding_beside=lambda _, candidate, __, likely, *___: begun.update({candidate: likely}))
+    searcher = SimpleNamespace(
+        fit_with_candidate_from_mode=lambda _, candidate, __, likely, *___: begun.update({candidate: likely})
+    )
     monkeypatch.setattr(model_comparison, "standing_in", lambda *_: ["in its place"])
     base = SimpleNamespace(chi2=1000.0, unit=1.0)
     model_comparison._alike(base, fits, SimpleNamespace(scores=scores), searcher, lambda *_: None)  # type: ignore[arg-type]

@@ -19,27 +19,27 @@ from identification import Experiment, diagnose
 from identification.cli.app import main
 from identification.diagnosis import repair, stepwise, workflow
 from identification.diagnosis.learned_law.law import can_outdo
-from identification.diagnosis.report import html, save, sentence
-from identification.diagnosis.residuals.residual_tests import locate, log_tail
+from identification.diagnosis.report import render_report, save, verdict_sentence
+from identification.diagnosis.residuals.residual_tests import chi2_log_tail, scan_residuals
 from identification.diagnosis.result import VERDICTS, Interval, effect_parameters
 from identification.diagnosis.selection import inner_validation
 from identification.diagnosis.selection import model_comparison as decide_module
 from identification.diagnosis.selection.candidates import (
     Candidate,
-    added_as,
-    candidates,
+    candidate_of_effect,
+    list_candidates,
+    matching_candidate,
     starts,
-    taken_from,
     with_effects,
 )
 from identification.diagnosis.selection.inner_validation import refuted
 from identification.diagnosis.selection.model_comparison import Decision, decide, judged, refitted, worth_refitting
 from identification.diagnosis.selection.score_test import family_p, score
-from identification.diagnosis.selection.search import Searcher, Store, finished
+from identification.diagnosis.selection.search import FitCache, Searcher, refine_to_mode
 from identification.diagnosis.stepwise import Course, Step
 from identification.diagnosis.uncertainty import detection_limits
 from identification.diagnosis.uncertainty import intervals as intervals_module
-from identification.diagnosis.uncertainty.intervals import intervals
+from identification.diagnosis.uncertainty.intervals import compute_intervals
 from identification.experiment.run import ReleaseInfo, Run
 from identification.experiment.train_test import training_rows
 from identification.inference.fit_result import Fitted, with_known_noise
@@ -107,8 +107,8 @@ def test_a_right_model_leaves_what_is_allowed_and_a_wrong_one_more(diagnosed):
     assert max(diagnosed.gap_last, 1.065) < diagnosed.gap_allowed < 2.0
     assert diagnosed.gap_first > diagnosed.base.allowed_gap
     content = diagnosed.content()
-    assert "departs" not in sentence(content)
-    assert "departs more than noise" in sentence({**content, "gap_last": 3.0})
+    assert "departs" not in verdict_sentence(content)
+    assert "departs more than noise" in verdict_sentence({**content, "gap_last": 3.0})
 
 
 def test_what_was_held_out_refutes_a_wrong_model_near_the_noise(diagnosed):
@@ -124,12 +124,12 @@ def test_names_that_predict_worse_than_right_ones_are_withdrawn(dragged, monkeyp
     (run,) = experiment.runs
     held_out = ~training_rows(experiment)[0][0]
     shifted = dataclasses.replace(run, readings=run.readings + 5e-3 * held_out[:, None])
-    monkeypatch.setattr(repair, "learn", lambda *_: None)
+    monkeypatch.setattr(repair, "learn_law", lambda *_: None)
     asked = []
     monkeypatch.setattr(stepwise.Course, "anew", lambda self: asked.append(self.steps[0].effect))
     for own in (run, shifted):
-        searcher = Searcher(Store(None, ""), 0, None)
-        base = searcher.globally(dataclasses.replace(experiment, runs=(own,)))
+        searcher = Searcher(FitCache(None, ""), 0, None)
+        base = searcher.fit_global(dataclasses.replace(experiment, runs=(own,)))
         repaired = repair.repair(base, searcher, 0, (False,), lambda *_: None)
         if own is run:
             assert [step.effect for step in repaired.steps] == ["quadratic_drag"] and not asked
@@ -151,7 +151,7 @@ def test_far_above_the_noise_the_simplest_of_the_most_probable_is_chosen(gap, ta
     monkeypatch.setattr(decide_module, "judged", judged_as)
     monkeypatch.setattr(decide_module, "_predicts", lambda _fitted, refit, _searcher: refit.candidate != "b")
     base = SimpleNamespace(training_gap=lambda: gap)
-    scored = SimpleNamespace(replicas=None)
+    scored = SimpleNamespace(replicate_maxima=None)
     decision = decide_module._decision(base, fits, scored, None)  # type: ignore[arg-type]
     assert decision.chosen.candidate == taken  # type: ignore[union-attr]
 
@@ -164,7 +164,7 @@ def test_what_leaves_more_than_noise_by_its_places_is_not_enough_by_its_chi2(mon
 
     asked = []
     monkeypatch.setattr(stepwise, "from_anywhere", lambda *all_: asked.append(all_[-1]) or SimpleNamespace(chosen=None))
-    examined = [SimpleNamespace(fitted=fit(chi2), scored=None, significant=True) for chi2 in (4000.0, 3510.0)]
+    examined = [SimpleNamespace(fitted=fit(chi2), score_test=None, significant=True) for chi2 in (4000.0, 3510.0)]
     so_far = Course(None, 0, (False,), lambda *_: None, examined, [SimpleNamespace(chosen=None)])  # type: ignore[arg-type]
     so_far._another()
     assert [asked[0](fit(chi2)) for chi2 in (3511.0, 3509.5, 3450.0, 3700.0)] == [False, False, True, False]
@@ -195,8 +195,8 @@ def test_one_right_model_in_a_hundred_leaves_more_than_allowed(tmp_path):
     for seed in range(30):
         recording = record(cradle, {1: 0.228}, duration=6.0, seed=seed)
         path = write_experiment(tmp_path / str(seed), [recording], release={"angle_sd": 0.01})
-        likelihood = Searcher(Store(None, ""), 0, None).likelihood(Experiment.load(path))
-        fitted = Fitted(likelihood, finished(likelihood, likelihood.start()))
+        likelihood = Searcher(FitCache(None, ""), 0, None).likelihood(Experiment.load(path))
+        fitted = Fitted(likelihood, refine_to_mode(likelihood, likelihood.start()))
         allowed = fitted.allowed_gap
         beyond += fitted.held_out_gap() > allowed
         spreads.append(allowed)
@@ -206,7 +206,7 @@ def test_one_right_model_in_a_hundred_leaves_more_than_allowed(tmp_path):
 
 
 def test_the_scores_predict_what_refits_gain(diagnosed):
-    first = next(s for s in diagnosed.repaired.examined[0].scored.scores if s.candidate.name == "quadratic_drag")
+    first = next(s for s in diagnosed.repaired.examined[0].score_test.scores if s.candidate.name == "quadratic_drag")
     refit = next(r for r in diagnosed.repaired.decisions[0].refits if r.candidate.name == "quadratic_drag")
     assert refit.gain == pytest.approx(first.gain, rel=0.1)
 
@@ -227,7 +227,7 @@ def test_files_of_a_diagnosis(diagnosed, tmp_path):
 
 def test_the_report_says_why_no_run_is_planned(nothing_found, tmp_path):
     def said(diagnosis):
-        return " ".join(html(dataclasses.replace(diagnosis, advice=None), diagnosis.content()).split())
+        return " ".join(render_report(dataclasses.replace(diagnosis, advice=None), diagnosis.content()).split())
 
     swinging = dataclasses.replace(nothing_found.experiment.runs[0], state="free", release=None)
     unreleased = dataclasses.replace(nothing_found.experiment, runs=(swinging,))
@@ -266,10 +266,10 @@ def test_twins_are_equivalent_and_the_advice_cannot_part_them(tmp_path, monkeypa
     content = diagnosis.content()
     assert content["verdict"] == "equivalent" and content["steps"] == []
     # Whichever of them is right, b is within what is told of it.
-    (other,) = map(intervals, diagnosis.others)
+    (other,) = map(compute_intervals, diagnosis.others)
     told = diagnosis.parameters["b"].ci95
-    assert told[0] <= min(other["b"].ci95[0], intervals(diagnosis.final)["b"].ci95[0])
-    assert told[1] >= max(other["b"].ci95[1], intervals(diagnosis.final)["b"].ci95[1])
+    assert told[0] <= min(other["b"].ci95[0], compute_intervals(diagnosis.final)["b"].ci95[0])
+    assert told[1] >= max(other["b"].ci95[1], compute_intervals(diagnosis.final)["b"].ci95[1])
     assert sorted(content["equivalent"]) == [["quadratic_drag"], ["twin_drag"]]
     assert content["gap_last"] < 1.08
     assert content["advice"]["expected_log_bayes"] < 0.5 and content["advice"]["separates"] == []
@@ -293,18 +293,18 @@ def test_an_interrupted_diagnosis_goes_on(plain, nothing_found, tmp_path, monkey
     assert json.loads((tmp_path / "fits.json").read_text(encoding="utf-8"))["points"].items() >= kept.items()
     assert whole.content() == nothing_found.content()
     # Interrupted after that: what was worked out for the report is there, too.
-    for module, name in ((detection_limits, "_reached"), (intervals_module, "_profile_end")):
+    for module, name in ((detection_limits, "_follow_where_nonlinear"), (intervals_module, "_interval_end")):
         monkeypatch.setattr(module, name, lambda *_: pytest.fail("this was known"))
     assert diagnose(experiment, out=tmp_path).content() == nothing_found.content()
 
 
 def test_fits_of_other_inputs_are_not_used(tmp_path):
     (tmp_path / "fits.json").write_text('{"inputs": "old/data/0", "points": {"a": [1.0]}}', encoding="utf-8")
-    assert Store(tmp_path / "fits.json", "new/data/0").points == {}
-    assert Store(tmp_path / "fits.json", "old/data/0").points == {"a": [1.0]}
+    assert FitCache(tmp_path / "fits.json", "new/data/0").points == {}
+    assert FitCache(tmp_path / "fits.json", "old/data/0").points == {"a": [1.0]}
     for other in ("old/others/0", "old/data/1"):
         with pytest.raises(ValueError, match="of another experiment, or with another seed, which would be lost"):
-            Store(tmp_path / "fits.json", other)
+            FitCache(tmp_path / "fits.json", other)
     for text, words in (
         ("broken", "not valid JSON"),
         ('{"inputs": "new/data/0"}', "points is missing"),
@@ -312,7 +312,7 @@ def test_fits_of_other_inputs_are_not_used(tmp_path):
     ):
         (tmp_path / "fits.json").write_text(text, encoding="utf-8")
         with pytest.raises(ValueError, match=rf"fits\.json: {words}.*; remove it to begin anew"):
-            Store(tmp_path / "fits.json", "new/data/0")
+            FitCache(tmp_path / "fits.json", "new/data/0")
 
 
 @pytest.mark.parametrize(("gap", "exhaust", "both"), [(1.01, True, True), (3.0, True, False), (1.01, False, False)])
@@ -324,10 +324,12 @@ def test_near_the_noise_all_are_refitted_before_it_gives_up(gap, exhaust, both, 
     module = importlib.import_module("identification.diagnosis.selection.model_comparison")
     monkeypatch.setattr(module, "_decision", lambda *_, **__: nothing)
     monkeypatch.setattr(module, "refitted", lambda _, which, *__: tried.append(which) or dict.fromkeys(which))
-    named = {c.name: c for c in candidates(Cradle(bobs=2)) if not c.alike}
-    surprise = {"quadratic_drag": 8.0, "contact_duration": 0.0, "exposure_blur": 0.0}
+    named = {c.name: c for c in list_candidates(Cradle(bobs=2)) if not c.shared}
+    neg_log10_p = {"quadratic_drag": 8.0, "contact_duration": 0.0, "exposure_blur": 0.0}
     seen = {"quadratic_drag": (1,), "contact_duration": (1,), "exposure_blur": ()}
-    scores = [SimpleNamespace(candidate=named[name], surprise=s, directions=seen[name]) for name, s in surprise.items()]
+    scores = [
+        SimpleNamespace(candidate=named[name], neg_log10_p=s, directions=seen[name]) for name, s in neg_log10_p.items()
+    ]
     fitted = SimpleNamespace(training_gap=lambda: gap)
     scored = SimpleNamespace(scores=scores)
     assert decide(fitted, scored, None, lambda *_: None, exhaust) is nothing  # type: ignore[arg-type]
@@ -336,10 +338,10 @@ def test_near_the_noise_all_are_refitted_before_it_gives_up(gap, exhaust, both, 
 
 def test_fits_by_other_code_are_not_used(plain, tmp_path, monkeypatch):
     experiment = Experiment.load(plain)
-    Store.of(tmp_path, experiment, 0).point("key", lambda: np.array([1.0]))
-    assert Store.of(tmp_path, experiment, 0).points
+    FitCache.of(tmp_path, experiment, 0).point("key", lambda: np.array([1.0]))
+    assert FitCache.of(tmp_path, experiment, 0).points
     monkeypatch.setattr("identification.diagnosis.selection.search.program", lambda _: "other")
-    assert not Store.of(tmp_path, experiment, 0).points
+    assert not FitCache.of(tmp_path, experiment, 0).points
 
 
 def test_fits_of_an_edited_effect_are_not_used(plain, tmp_path, monkeypatch):
@@ -348,23 +350,23 @@ def test_fits_of_an_edited_effect_are_not_used(plain, tmp_path, monkeypatch):
     monkeypatch.setattr("cradle_env.effects._EFFECTS", {e.name: e for e in (*CATALOGUE, *LEARNED)})
     declaration = dataclasses.replace(effect("quadratic_drag"), name="gusts", apply=None)
     register(dataclasses.replace(declaration, force=lambda t, r, theta, v_r, v_t, p: (0.0, p[0])))
-    Store.of(tmp_path, experiment, 0).point("key", lambda: np.array([1.0]))
-    assert Store.of(tmp_path, experiment, 0).points
+    FitCache.of(tmp_path, experiment, 0).point("key", lambda: np.array([1.0]))
+    assert FitCache.of(tmp_path, experiment, 0).points
     register(dataclasses.replace(declaration, force=lambda t, r, theta, v_r, v_t, p: (0.0, 2.0 * p[0])))
-    assert not Store.of(tmp_path, experiment, 0).points
+    assert not FitCache.of(tmp_path, experiment, 0).points
 
 
 def test_a_run_held_out_as_a_whole_has_no_part_in_replicates(plain):
     """Of several runs without fit_to the last is held out; with its noise unknown too."""
     known = with_known_noise(Experiment.load(plain))
     two = dataclasses.replace(known, runs=(known.runs[0], known.runs[0]))
-    fitted = Searcher(Store(None, ""), 0, None).nearby(two, {})
+    fitted = Searcher(FitCache(None, ""), 0, None).fit_from_values(two, {})
     assert not fitted.likelihood.rows[1].any()
     assert np.isfinite(fitted.replicates(2, np.random.default_rng(0), (True, True))).all()
 
 
 def test_one_bob_lacks_nothing_between_neighbours():
-    names = {c.name for c in candidates(Cradle(bobs=1))}
+    names = {c.name for c in list_candidates(Cradle(bobs=1))}
     assert not names & {"group_drag", "bob_attraction", "spacer_offset", "contact_duration"}
     assert {"quadratic_drag", "frame_compliance"} <= names
 
@@ -373,20 +375,20 @@ def test_what_looks_the_same_as_any_of_the_best_is_refitted():
     """Else, with one bob, a clock that is off is named as the added mass that happened to be tried."""
 
     class Fits:
-        def adding(self, fitted, candidate, *_):
+        def fit_with_candidate(self, fitted, candidate, *_):
             return SimpleNamespace(
                 chi2=1000.0 - {"frame_compliance": 36.0, "added_mass": 28.0}[candidate.name], unit=1.0
             )
 
-        def adding_beside(self, fitted, candidate, *_):
+        def fit_with_candidate_from_mode(self, fitted, candidate, *_):
             return SimpleNamespace(chi2=972.0, unit=1.0)
 
-    named = {c.name: c for c in candidates(Cradle(bobs=1)) if not c.alike}
-    alike = tuple(named[name] for name in ("length_mismatch", "clock_scale"))
+    named = {c.name: c for c in list_candidates(Cradle(bobs=1)) if not c.shared}
+    shared = tuple(named[name] for name in ("length_mismatch", "clock_scale"))
     scores = [
-        SimpleNamespace(candidate=named["frame_compliance"], parallel=(), likely=(), surprise=9.0, directions=1),
-        SimpleNamespace(candidate=named["added_mass"], parallel=alike, likely=(), surprise=9.0, directions=1),
-        *(SimpleNamespace(candidate=c, parallel=(), likely=(), surprise=0.0, directions=1) for c in alike),
+        SimpleNamespace(candidate=named["frame_compliance"], parallel=(), likely=(), neg_log10_p=9.0, directions=1),
+        SimpleNamespace(candidate=named["added_mass"], parallel=shared, likely=(), neg_log10_p=9.0, directions=1),
+        *(SimpleNamespace(candidate=c, parallel=(), likely=(), neg_log10_p=0.0, directions=1) for c in shared),
     ]
     base = SimpleNamespace(chi2=1000.0, unit=1.0)
     scored = SimpleNamespace(scores=scores)
@@ -399,11 +401,11 @@ def test_what_looks_the_same_as_any_of_the_best_is_refitted():
 def test_one_effect_takes_the_place_of_two_where_it_does_as_well(hidden, tmp_path):
     strengths = {"quadratic_drag": {"c2": 0.02}, "spacer_offset": {"offset": [1e-3]}}
     path = written(tmp_path, {name: strengths[name] for name in hidden})
-    searcher = Searcher(Store(None, ""), 0, 1)
-    base = searcher.globally(with_known_noise(Experiment.load(path)))
+    searcher = Searcher(FitCache(None, ""), 0, 1)
+    base = searcher.fit_global(with_known_noise(Experiment.load(path)))
 
     def added(fitted, name):
-        return searcher.adding(fitted, next(c for c in candidates(fitted.cradle) if c.name == name))
+        return searcher.fit_with_candidate(fitted, next(c for c in list_candidates(fitted.cradle) if c.name == name))
 
     two = ("pivot_friction", "quadratic_drag") if len(hidden) == 1 else hidden
     fits = [base, added(base, two[0])]
@@ -422,11 +424,11 @@ def test_one_effect_takes_the_place_of_two_where_it_does_as_well(hidden, tmp_pat
 
 
 def test_no_course_returns_to_effects_that_it_has_examined(dragged):
-    searcher = Searcher(Store(None, ""), 0, None)
-    base = searcher.nearby(with_known_noise(Experiment.load(dragged)), {})
+    searcher = Searcher(FitCache(None, ""), 0, None)
+    base = searcher.fit_from_values(with_known_noise(Experiment.load(dragged)), {})
     examined = [SimpleNamespace(fitted=base)]
     so_far = Course(searcher, 0, (False,), lambda *_: None, examined)  # type: ignore[arg-type]
-    likelihood = searcher._with(base, next(c for c in candidates(base.cradle) if c.name == "quadratic_drag"))
+    likelihood = searcher._with(base, next(c for c in list_candidates(base.cradle) if c.name == "quadratic_drag"))
     again = SimpleNamespace(chosen=SimpleNamespace(fitted=Fitted(likelihood, likelihood.start())))
     so_far.seen.add(stepwise._effects(again.chosen.fitted))
     so_far._instead(again, 1)  # type: ignore[arg-type]
@@ -438,8 +440,8 @@ def test_no_course_returns_to_effects_that_it_has_examined(dragged):
 def test_a_repair_ends_where_one_effect_of_two_alone_is_nearly_as_good(tmp_path, monkeypatch):
     """A spacer's offset that is significant, and of little evidence: it must not be taken and dropped for ever."""
     hidden = {"quadratic_drag": {"c2": 0.02}, "spacer_offset": {"offset": [1.1e-4]}}
-    searcher = Searcher(Store(None, ""), 0, 1)
-    base = searcher.globally(with_known_noise(Experiment.load(written(tmp_path, hidden))))
+    searcher = Searcher(FitCache(None, ""), 0, 1)
+    base = searcher.fit_global(with_known_noise(Experiment.load(written(tmp_path, hidden))))
     decided = []
 
     def counted(*arguments):
@@ -457,9 +459,9 @@ def test_a_repair_ends_where_one_effect_of_two_alone_is_nearly_as_good(tmp_path,
 
 
 def test_a_law_is_not_learned_against_names_that_it_cannot_outdo(dragged):
-    searcher = Searcher(Store(None, ""), 0, None)
-    base = searcher.nearby(with_known_noise(Experiment.load(dragged)), {})
-    one = searcher.adding(base, next(c for c in candidates(base.cradle) if c.name == "quadratic_drag"))
+    searcher = Searcher(FitCache(None, ""), 0, None)
+    base = searcher.fit_from_values(with_known_noise(Experiment.load(dragged)), {})
+    one = searcher.fit_with_candidate(base, next(c for c in list_candidates(base.cradle) if c.name == "quadratic_drag"))
     # A term costs as much as the one unknown that it would save; two bobs' own values cost more.
     assert not can_outdo(base, one)
     several = dataclasses.replace(one, point=np.zeros(len(base.point) + 5))
@@ -470,16 +472,16 @@ def test_a_law_is_not_learned_against_names_that_it_cannot_outdo(dragged):
 def test_replicates_look_like_what_a_right_model_leaves(plain):
     """Places and candidates of replicates are judged as the data are: p is uniform, and 5 % lie below 0.05."""
     experiment = Experiment.load(plain)
-    searcher = Searcher(Store(None, ""), 0, 1)
-    fitted = searcher.globally(experiment)
+    searcher = Searcher(FitCache(None, ""), 0, 1)
+    fitted = searcher.fit_global(experiment)
     rng = np.random.default_rng(1)
     replicates = fitted.replicates(300, rng, (False,))
     assert np.allclose(fitted.absorbed.T @ replicates, 0.0, atol=1e-9)
-    located, scored = locate(fitted, replicates), score(fitted, replicates)
+    located, scored = scan_residuals(fitted, replicates), score(fitted, replicates)
     again = fitted.replicates(300, rng, (False,))
-    other = locate(fitted, again).replicas
-    assert np.mean(other > np.quantile(located.replicas, 0.95)) == pytest.approx(0.05, abs=0.04)
-    chance = np.array([family_p(s, scored.replicas) for s in score(fitted, again).replicas])
+    other = scan_residuals(fitted, again).replicate_maxima
+    assert np.mean(other > np.quantile(located.replicate_maxima, 0.95)) == pytest.approx(0.05, abs=0.04)
+    chance = np.array([family_p(s, scored.replicate_maxima) for s in score(fitted, again).replicate_maxima])
     assert np.mean(chance < 0.05) == pytest.approx(0.05, abs=0.04)
 
 
@@ -500,14 +502,14 @@ def test_correlated_noise_is_nothing_that_is_missing(plain):
             vars(fitted).update(absorbs, residuals=right.project(noise))
             if name == "white":
                 vars(fitted)["correlations"] = [0.0]
-            ps.append(locate(fitted, fitted.replicates(100, rng, (False,))).p)
+            ps.append(scan_residuals(fitted, fitted.replicates(100, rng, (False,))).p)
     assert np.sum(np.array(found["as correlated"]) < 0.05) <= 3
     assert np.sum(np.array(found["white"]) < 0.05) >= 7
 
 
 def test_correlated_noise_counts_once_in_a_gain():
     """What the replicas have of it is not taken from the gain that is held against them; what is beyond that is."""
-    candidate = next(c for c in candidates(Cradle(bobs=1)) if c.name == "quadratic_drag")
+    candidate = next(c for c in list_candidates(Cradle(bobs=1)) if c.name == "quadratic_drag")
     fit = SimpleNamespace(chi2=960.0, point=np.zeros(4), held_out_gap=lambda: 1.0)
 
     def p(noise_inflation: float, inflation: float) -> float:
@@ -534,7 +536,7 @@ def test_a_bob_that_stays_at_rest_is_nothing_that_is_missing():
     run = Run(motion.t, seen, release=ReleaseInfo(release, angle_sd=1e-3), delta=0.0, noise=1e-3)
     likelihood = Likelihood(Experiment(cradle, (run,)), None, 1)
     examined = stepwise.examine(Fitted(likelihood, likelihood.start()), 0, (False,))
-    assert np.isfinite(examined.located.replicas).all()
+    assert np.isfinite(examined.residual_scan.replicate_maxima).all()
     assert examined.p > 0.01  # of these data 0.3; with places that are no numbers 0.0025, the least there is
 
 
@@ -548,7 +550,7 @@ def test_what_another_effect_requires_is_tried_for_removal_after_that(monkeypatc
         )
 
     monkeypatch.setattr(repair, "without_effect", lambda model, name: tuple(n for n in model if n != name))
-    searcher = SimpleNamespace(nearby=lambda model, _: fit(model), beside=lambda fitted, _: fitted)
+    searcher = SimpleNamespace(fit_from_values=lambda model, _: fit(model), fit_from_mode=lambda fitted, _: fitted)
     going = SimpleNamespace(
         examined=[SimpleNamespace(fitted=fit(names))], steps=[SimpleNamespace(effect=name) for name in names],
         searcher=searcher, examine=lambda fitted: SimpleNamespace(fitted=fitted),
@@ -562,17 +564,21 @@ def test_the_model_without_is_looked_for_from_where_rivals_lead(monkeypatch):
     they did was to lead to a better mode of the lengths alone."""
     base = SimpleNamespace(chi2=1500.0, point=[0.0], values={}, cradle=SimpleNamespace(has=lambda _: False))
     of_two = SimpleNamespace(chi2=1000.0, point=[0.0] * 2, values={}, coloured=(1.0, 1000.0), experiment=None)
-    last, rival, looked = SimpleNamespace(fitted=of_two, scored=SimpleNamespace(replicas=None)), SimpleNamespace(), []
+    last, rival, looked = (
+        SimpleNamespace(fitted=of_two, score_test=SimpleNamespace(replicate_maxima=None)),
+        SimpleNamespace(),
+        [],
+    )
     searcher = SimpleNamespace(
-        nearby=lambda *_: base, adding=lambda *_: None, adding_beside=lambda *_: rival,
-        beside=lambda *fits: looked.append(fits),
+        fit_from_values=lambda *_: base, fit_with_candidate=lambda *_: None,
+        fit_with_candidate_from_mode=lambda *_: rival, fit_from_mode=lambda *fits: looked.append(fits),
     )  # fmt: skip
     monkeypatch.setattr(repair, "without_effect", lambda *_: None)
-    several = [Candidate(name, (name,), (), alike) for name, alike in (("string_creep", False), ("lengths", True))]
-    several.append(dataclasses.replace(several[-1], alike=False))  # less probable
+    several = [Candidate(name, (name,), (), shared) for name, shared in (("string_creep", False), ("lengths", True))]
+    several.append(dataclasses.replace(several[-1], shared=False))  # less probable
     monkeypatch.setattr(repair, "_rivals", lambda _: several)
     own = Candidate("quadratic_drag", ("quadratic_drag",), ())
-    monkeypatch.setattr(repair, "taken_from", lambda *_: own)
+    monkeypatch.setattr(repair, "candidate_of_effect", lambda *_: own)
     monkeypatch.setattr(repair, "judged", lambda *_: SimpleNamespace(log_evidence=1e9))
     monkeypatch.setattr(repair, "standing_in", lambda *_: [])
     steps = [SimpleNamespace(effect="quadratic_drag")]
@@ -588,8 +594,8 @@ def test_a_model_that_cannot_swing_has_no_rivals(dragged, monkeypatch):
     experiment = Experiment.load(dragged)
     model = with_effects(experiment, {"quadratic_drag": {"c2": 1e-3}})
     fit = SimpleNamespace(experiment=model, values={}, coloured=(1.0, 100.0))
-    monkeypatch.setattr(repair, "_rivals", lambda _: candidates(experiment.cradle))
-    searcher, steps = SimpleNamespace(nearby=stopped), [SimpleNamespace(effect="quadratic_drag")]
+    monkeypatch.setattr(repair, "_rivals", lambda _: list_candidates(experiment.cradle))
+    searcher, steps = SimpleNamespace(fit_from_values=stopped), [SimpleNamespace(effect="quadratic_drag")]
     assert repair._exchanges(SimpleNamespace(fitted=fit), steps, searcher, lambda *_: None) == ()  # type: ignore[arg-type]
 
 
@@ -606,12 +612,12 @@ def test_what_cannot_be_followed_to_the_end_predicts_nothing(monkeypatch):
 def test_an_effect_is_known_in_the_form_that_it_has():
     """Of three bobs, lengths that are all alike are another candidate than lengths of each."""
     cradle, release = Cradle(bobs=3), Release(angle=0.2, bobs=1)
-    alike, each = (c for c in candidates(cradle) if c.name == "length_mismatch")
+    shared, each = (c for c in list_candidates(cradle) if c.name == "length_mismatch")
     without = Experiment.from_arrays(cradle, np.arange(0.0, 5.0, 0.05), np.zeros((100, 3)), release, noise=1e-3)
-    for candidate in (alike, each):
+    for candidate in (shared, each):
         own = with_effects(without, {"length_mismatch": {"relative": [0.0] * 3}}, candidate.unknown)
-        assert taken_from(own, without, "length_mismatch") == candidate
-        assert added_as(cradle.replace(effects={"quadratic_drag": {"c2": 1e-3}}), candidate) == candidate
+        assert candidate_of_effect(own, without, "length_mismatch") == candidate
+        assert matching_candidate(cradle.replace(effects={"quadratic_drag": {"c2": 1e-3}}), candidate) == candidate
 
 
 def test_steps_that_remain_join_on_to_one_another(monkeypatch):
@@ -620,13 +626,13 @@ def test_steps_that_remain_join_on_to_one_another(monkeypatch):
     steps = [Step(own, fits[before], fits[after], 0.9, None)  # type: ignore[arg-type]
              for own, before, after in (("a", "", "a"), ("b", "a", "ab"), ("c", "ab", "abc"))]  # fmt: skip
     monkeypatch.setattr(repair, "without_effect", lambda names, name: names.replace(name, ""))
-    searcher = SimpleNamespace(nearby=lambda names, _: fits[names])
+    searcher = SimpleNamespace(fit_from_values=lambda names, _: fits[names])
     joined = repair._joined([steps[0], steps[2]], fits[""], fits["ac"], searcher)  # type: ignore[arg-type]
     assert [(s.effect, s.before.experiment, s.after.experiment) for s in joined] == [("a", "", "a"), ("c", "a", "ac")]
 
 
 def test_a_law_is_of_what_the_last_model_leaves(monkeypatch):
-    monkeypatch.setattr(repair, "learn", lambda fitted, *_: f"of {fitted}")
+    monkeypatch.setattr(repair, "learn_law", lambda fitted, *_: f"of {fitted}")
     law = SimpleNamespace(before="other")
     for significant, before, found in ((False, "last", None), (True, "last", law), (True, "other", "of last")):
         law.before = before
@@ -636,11 +642,11 @@ def test_a_law_is_of_what_the_last_model_leaves(monkeypatch):
 
 def test_no_run_is_planned_for_lambda_with_a_model_that_leaves_more_than_noise(monkeypatch):
     monkeypatch.setattr(workflow, "advise_on_lambda", lambda fitted, _: fitted)
-    searcher = SimpleNamespace(on_everything=lambda fitted: f"{fitted}, on everything")
+    searcher = SimpleNamespace(fit_all_data=lambda fitted: f"{fitted}, on everything")
     for significant, planned in ((True, None), (False, "last, on everything")):
         last = SimpleNamespace(fitted="last", significant=significant)
         repaired = SimpleNamespace(alternatives=(), last=last)
-        assert workflow._advice(repaired, {}, searcher, 0, lambda *_: None) == planned  # type: ignore[arg-type]
+        assert workflow._advise(repaired, {}, searcher, 0, lambda *_: None) == planned  # type: ignore[arg-type]
 
 
 def test_correlated_residuals_count_for_less(plain):
@@ -660,18 +666,18 @@ def test_correlated_residuals_count_for_less(plain):
 
 def test_candidates_come_from_the_declarations(plain):
     cradle = Experiment.load(plain).cradle
-    names = [c.name for c in candidates(cradle)]
+    names = [c.name for c in list_candidates(cradle)]
     assert "quadratic_drag" in names and not set(names) & {e.name for e in cradle.composition}
-    ho = {c.name: c for c in candidates(cradle.replace(model="ho"))}
+    ho = {c.name: c for c in list_candidates(cradle.replace(model="ho"))}
     assert ho["string_hysteresis"].effects == ("large_angle", "radial_elasticity", "string_hysteresis")
     assert [v["offset"] for v in starts(effect("angle_offset"), 2, (1.0, 3.0))] == [0.002, 0.006, -0.002, -0.006]
     assert [v["c2"] for v in starts(effect("quadratic_drag"), 2, (1.0,))] == [0.001]
-    assert "contact_duration" not in [c.name for c in candidates(cradle.replace(bobs=1))]
+    assert "contact_duration" not in [c.name for c in list_candidates(cradle.replace(bobs=1))]
 
 
 def test_tail_of_chi2_beyond_the_smallest_number():
-    assert log_tail(601.1, 1) == pytest.approx(log_tail(600.9, 1) - 0.1, abs=1e-3)
-    assert np.isfinite(log_tail(1e7, 3600)) and log_tail(1e7, 3600) < -4e6
+    assert chi2_log_tail(601.1, 1) == pytest.approx(chi2_log_tail(600.9, 1) - 0.1, abs=1e-3)
+    assert np.isfinite(chi2_log_tail(1e7, 3600)) and chi2_log_tail(1e7, 3600) < -4e6
 
 
 def test_too_few_readings_are_refused(tmp_path, capsys):

@@ -5,7 +5,7 @@ from threadpoolctl import threadpool_info, threadpool_limits
 
 from identification import Experiment, calibrate, diagnose
 from identification.diagnosis.next_experiment.design import design
-from identification.diagnosis.selection.search import Searcher, Store
+from identification.diagnosis.selection.search import FitCache, Searcher
 from identification.diagnosis.uncertainty import detection_limits, intervals
 from identification.inference.fit_result import with_known_noise
 from tests.reference.laboratory import record, write_experiment
@@ -36,14 +36,17 @@ def test_linear_algebra_runs_on_one_thread_while_something_is_inferred(experimen
 
 @pytest.mark.parametrize(
     ("module", "compute"),
-    [(intervals, intervals.intervals), (detection_limits, lambda fitted: detection_limits.unseen(fitted, []))],
+    [
+        (intervals, intervals.compute_intervals),
+        (detection_limits, lambda fitted: detection_limits.compute_detection_limits(fitted, [])),
+    ],
 )
 def test_so_it_does_while_a_report_is_made(experiment, module, compute, monkeypatch):
     def in_threads(*_):
         assert threads() == {1}
         raise InterruptedError
 
-    fitted = Searcher(Store(None, ""), 0, None).nearby(with_known_noise(experiment), {})
+    fitted = Searcher(FitCache(None, ""), 0, None).fit_from_values(with_known_noise(experiment), {})
     monkeypatch.setattr(module, "in_threads", in_threads)
     with threadpool_limits(3, user_api="blas"), pytest.raises(InterruptedError):
         compute(fitted)

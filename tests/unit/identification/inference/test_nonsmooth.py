@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from identification.diagnosis.selection.candidates import with_effects
-from identification.diagnosis.selection.search import Searcher, Store
+from identification.diagnosis.selection.search import FitCache, Searcher
 from identification.experiment.experiment import Experiment
 from identification.inference import mode_search, nonsmooth
 from identification.inference.fit_result import with_known_noise
@@ -36,7 +36,7 @@ def likelihood(tmp_path_factory):
         tmp_path_factory.mktemp("rough"), [recording], stated=stated, release={"angles": {5: 0.2}}, run={"noise": 5e-3}
     )
     experiment = with_effects(with_known_noise(Experiment.load(path)), friction)
-    return Searcher(Store(None, ""), 0, None).likelihood(experiment)
+    return Searcher(FitCache(None, ""), 0, None).likelihood(experiment)
 
 
 @pytest.fixture(scope="module")
@@ -73,7 +73,7 @@ def test_far_above_the_noise_its_size_is_of_no_matter(tmp_path):
     ends, derivatives = [], []
     for noise in (3e-5, 3e-6):
         runs = tuple(dataclasses.replace(run, noise=noise) for run in experiment.runs)
-        own = Searcher(Store(None, ""), 0, None).likelihood(dataclasses.replace(experiment, runs=runs))
+        own = Searcher(FitCache(None, ""), 0, None).likelihood(dataclasses.replace(experiment, runs=runs))
         ends.append(polish(own, own.start(), thorough=True))
         assert cost(own, ends[-1]) > 10.0 * len(own.residuals(ends[-1]))
         J = broad_jacobian(own, ends[0], own.residuals(ends[0]))
@@ -102,7 +102,7 @@ def test_the_early_data_lead_to_the_right_mode_in_kappa(tmp_path, seed):
     0.1 % or nearer."""
     apparatus = Apparatus(next(case for case in cases([42]) if case.name == "42-quadratic_drag"))
     path = apparatus.write(tmp_path, apparatus.record([4.316e-4], True))
-    likelihood = Searcher(Store(None, ""), 0, None).likelihood(with_known_noise(Experiment.load(path)))
+    likelihood = Searcher(FitCache(None, ""), 0, None).likelihood(with_known_noise(Experiment.load(path)))
     likelihood, mode = find_mode(likelihood, seed)
     assert likelihood.values(mode.point)["kappa"] == pytest.approx(apparatus.truth["kappa"], rel=1.5e-3)
 
@@ -114,7 +114,7 @@ def test_random_steps_lead_where_derivatives_do_not(tmp_path, monkeypatch):
     judged: in all 730 lower."""
     apparatus = early_case("10-nothing-1")
     experiment = with_known_noise(Experiment.load(apparatus.write(tmp_path, apparatus.record([], True))))
-    likelihood = Searcher(Store(None, ""), 0, None).likelihood(experiment)
+    likelihood = Searcher(FitCache(None, ""), 0, None).likelihood(experiment)
     truth, away = placed(likelihood, apparatus.truth), np.array([1e-3, 1e-4, 5e-3, 1e-4])
     drawn = [(1 + k) * away * np.random.default_rng(k).standard_normal(4) for k in range(6)]
     starts = [refine(likelihood, truth + step, 40)[0] for step in drawn]
