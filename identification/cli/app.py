@@ -17,6 +17,7 @@ from typing import Annotated, Any
 
 import typer
 
+from identification.cli.measure_command import measure
 from identification.cli.options import (
     KF,
     Angle,
@@ -47,6 +48,9 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     help="Newton's cradle: simulate it, calibrate it against a measurement, predict how fast it synchronizes.",
 )
+
+
+app.add_typer(measure, name="measure")
 
 
 class _InterruptedError(Exception):

@@ -85,7 +85,12 @@ def _sha256(data: str | bytes | Path) -> str:
 
 
 #: The commands that write a report.html, by what else each leaves in its folder.
-_REPORTS = {"posterior.nc": "calibrate", "diagnosis.json": "diagnose", "design.json": "design"}
+_REPORTS = {
+    "posterior.nc": "calibrate",
+    "diagnosis.json": "diagnose",
+    "design.json": "design",
+    "measurement.json": "measure",
+}
 
 
 def check_report(folder: Path, command: str) -> None:

@@ -50,7 +50,10 @@ def test_the_commands_that_a_page_shows_exist(page):
 
     known = typer.main.get_command(app).commands  # type: ignore[attr-defined]
     for name, *words in commands(page):
-        options = {option for parameter in known[name].params for option in parameter.opts} | {"--help"}
+        command = known[name]
+        if inner := getattr(command, "commands", None):
+            command = inner[words[0]]
+        options = {option for parameter in command.params for option in parameter.opts} | {"--help"}
         assert {word for word in words if word.startswith("--")} <= options, (name, words)
 
 

@@ -1,0 +1,1 @@
+"""Ring-down: groups of bobs that swing together, and the drag on each."""

@@ -1,0 +1,115 @@
+"""`cradle measure KIND`: raw recordings of an instrument in, values with their uncertainty out."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from identification.cli.options import NoWorkers, Out
+
+if TYPE_CHECKING:
+    from cradle_env.cradle import Cradle
+    from identification.apparatus.measurement import Measurement
+    from identification.progress import Progress
+
+measure = typer.Typer(help="Measure parameters with an instrument: measurement.json, a picture and report.html.")
+
+From = Annotated[
+    Path | None, typer.Option("--from", metavar="FILE", help="Take the cradle from an experiment.toml.")
+]  # fmt: skip
+Set = Annotated[
+    list[str] | None,
+    typer.Option("--set", metavar="NAME=VALUE", help="Any number of Cradle, as mass=0.2813. Repeat at will."),
+]
+HiddenSeed = Annotated[int, typer.Option("--seed", hidden=True)]
+
+
+@measure.callback()
+def _kinds() -> None:
+    pass
+
+
+@measure.command()
+def ringdown(
+    files: Annotated[
+        list[Path],
+        typer.Argument(metavar="FILE...", help="CSV files of angles or displacements, or experiment.toml files whose"
+                       " runs are all read; in each, all bobs swing together."),
+    ],
+    out: Out,
+    bobs: Annotated[
+        list[int] | None,
+        typer.Option(help="How many bobs swing together in a CSV file; as many as it has columns for where omitted."
+                     " Once for each CSV file, in order."),
+    ] = None,
+    fit_from: Annotated[float | None, typer.Option(help="s; earlier readings are not used.")] = None,
+    fit_to: Annotated[float | None, typer.Option(help="s; later ones are not used.")] = None,
+    source: From = None,
+    set_: Set = None,
+    seed: HiddenSeed = 0,
+    workers: NoWorkers = None,
+) -> None:  # fmt: skip
+    """Drag b of bobs that swing together, and of quadratic and Coulomb parts, from how their swing dies down."""
+    from identification.apparatus.ringdown.measure import measure_ringdown
+
+    cradle = _cradle(source, set_)
+    _run(
+        "ringdown",
+        out,
+        lambda progress: measure_ringdown(
+            files, cradle, bobs=bobs, fit_from=fit_from, fit_to=fit_to, progress=progress
+        ),
+    )
+
+
+def _run(kind: str, out: Path, work: Callable[[Progress], Measurement]) -> None:
+    """Measures and writes what was found, and shows it; holds the folder meanwhile."""
+    from identification.apparatus.measurement_files import check_folder, save
+    from identification.number_format import rounding_of, shown, unit_plain
+    from identification.reporting.terminal import Progress, print_table
+    from identification.storage.lock import working_in
+
+    with working_in(out):
+        check_folder(out, kind)
+        with Progress() as progress:
+            measured = work(progress)
+            progress("draw", None)
+            content = save(measured, out)
+    rows = []
+    for name, entry in content["values"].items():
+        text = shown(entry)
+        rows.append((name, f"{text['median']} ± {text['sd']}", text["ci95"],
+                     unit_plain(entry["unit"], rounding_of(entry).exponent)))  # fmt: skip
+    print_table(("value", "median ± sd", "95 % interval", "unit"), rows)
+    for finding in measured.findings:
+        print(finding)
+    for warning in measured.warnings:
+        print(f"cradle: {warning}", file=sys.stderr)
+    print(f"report: {out / 'report.html'}")
+
+
+def _cradle(source: Path | None, settings: list[str] | None) -> Cradle | None:
+    """The cradle that a command line states; None where it states none."""
+    from cradle_env.cradle import CRADLE_NUMBERS, Cradle
+    from cradle_env.errors import unknown_key
+    from identification.experiment.experiment import Experiment
+
+    if source is None and not settings:
+        return None
+    cradle = Cradle() if source is None else Experiment.load(source).cradle
+    values: dict[str, Any] = {}
+    for text in settings or ():
+        name, equals, value = text.partition("=")
+        if not equals:
+            raise ValueError(f"--set {text}: expected NAME=VALUE, as mass=0.2813")
+        if name not in CRADLE_NUMBERS:
+            raise ValueError(f"--set {text}: {unknown_key('name', name, CRADLE_NUMBERS)}")
+        try:
+            values[name] = float(value)
+        except ValueError:
+            raise ValueError(f"--set {text}: {value!r} is not a number") from None
+    return cradle.replace(**values)
