@@ -20,10 +20,12 @@ if TYPE_CHECKING:
 
     from identification.diagnosis.result import Diagnosis
 
-#: Bobs shown at most, and the width of the close-up of the last swings [small-angle periods].
-_MOST_BOBS, _CLOSE_UP = 5, 4.0
+#: Bobs shown at most.
+_MAX_BOBS = 5
+#: Width of the close-up of the last swings [small-angle periods].
+_CLOSE_UP_PERIODS = 4.0
 #: Curves of a law side by side.
-_ACROSS = 3
+_LAW_COLUMNS = 3
 
 
 def window_tests(examined: ExaminedModel) -> list[tuple[ResidualTest, float]]:
@@ -144,9 +146,9 @@ def law_figure(shape: LawShape) -> Figure:
     from matplotlib.figure import Figure
 
     curves = shape.curves()
-    rows = -(-len(curves) // _ACROSS)
+    rows = -(-len(curves) // _LAW_COLUMNS)
     figure = Figure(figsize=(9.0, 2.6 * rows), layout="constrained")
-    grid = figure.subplots(rows, _ACROSS, squeeze=False).ravel()
+    grid = figure.subplots(rows, _LAW_COLUMNS, squeeze=False).ravel()
     for axes, curve in zip(grid, curves, strict=False):
         ends = (np.clip(curve.y + sign * curve.band, *curve.within) for sign in (-1.0, 1.0))
         axes.fill_between(curve.x, *ends, color=BLUE, alpha=0.25, linewidth=0)
@@ -172,12 +174,12 @@ def comparison_figure(diagnosis: Diagnosis) -> Figure:
     held = training_rows(before.experiment)[1]
     k = next((k for k, rows in enumerate(held) if rows.any()), 0)
     run = before.experiment.runs[k]
-    bobs = [bob - 1 for bob in run.bobs_seen][:_MOST_BOBS]
+    bobs = [bob - 1 for bob in run.bobs_seen][:_MAX_BOBS]
     figure = Figure(figsize=(9.0, 0.8 + 2.3 * len(bobs)), layout="constrained")
     grid = figure.subplots(2 * len(bobs), 2, squeeze=False, width_ratios=(1.0, 1.7), sharex="col")
     rows = run.times >= run.fit_from
     t, models = run.times[rows], [_predict(fitted, k, rows) for fitted in (before, after)]
-    close = t >= t[-1] - _CLOSE_UP * before.cradle.period
+    close = t >= t[-1] - _CLOSE_UP_PERIODS * before.cradle.period
     unit, name = (1e3, "mrad") if run.quantity == "theta" else (1e3, "mm")
     titles = (diagnosis.base_name, "repaired")
     for j, bob in enumerate(bobs):

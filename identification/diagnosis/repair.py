@@ -10,12 +10,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from cradle_env.effects import effect
+from identification.diagnosis.criteria import MISSPECIFIED_GAP, Criteria, fails_prediction
 from identification.diagnosis.learned_law.law import LearnedLaw, can_outdo, evidence_over_effects, learn_law
 from identification.diagnosis.selection.candidates import Candidate, candidate_of_effect, without_effect
-from identification.diagnosis.selection.inner_validation import MISSPECIFIED_GAP, predictions, refuted
+from identification.diagnosis.selection.inner_validation import predictions
 from identification.diagnosis.selection.model_comparison import (
-    EQUIVALENT_LOG_ODDS,
-    SIGNIFICANCE_LEVEL,
     Decision,
     judged,
     log_evidence,
@@ -64,7 +63,7 @@ def repair(
     course = Course(searcher, seed, estimated, progress)
     course.examined.append(course.settle(fitted))
     _add(course)
-    if course.steps and refuted(course.examined[-1].fitted) and course.anew():
+    if course.steps and fails_prediction(course.examined[-1].fitted) and course.anew():
         _add(course)
     withdrawn = _withdraw(course)
     law = _outdoing(course)
@@ -76,7 +75,7 @@ def repair(
         last, kept, more = _without_the_needless(course, last, kept)
         if more:
             removed, alternatives = [*removed, *more], _exchanges(last, kept, searcher, progress)
-    if kept and law is None and refuted(last.fitted):  # by any name: the cause is unknown
+    if kept and law is None and fails_prediction(last.fitted):  # by any name: the cause is unknown
         withdrawn += course.back_to(course.examined[0].fitted)
         last, kept, removed, alternatives = course.examined[0], [], [], ()
     law = _law_of(last, law, searcher, progress)
@@ -104,7 +103,7 @@ def _overtaken(course: Course) -> bool:
     if len(course.examined) != _OVERTAKEN or not last.significant or base.training_gap() > MISSPECIFIED_GAP:
         return False
     law = course.law_beside(base, last.fitted)
-    return law is not None and evidence_over_effects(law, last.fitted) >= EQUIVALENT_LOG_ODDS
+    return law is not None and evidence_over_effects(law, last.fitted) >= course.searcher.criteria.equivalent_log_odds
 
 
 def _withdraw(course: Course) -> list[str]:
@@ -147,14 +146,15 @@ def _outdoing(course: Course) -> LearnedLaw | None:
         return None
     models = [
         m.fitted for m in before
-        if m.significant and (last.p <= SETTLED or can_outdo(m.fitted, last.fitted))
+        if m.significant and (last.p <= SETTLED or can_outdo(m.fitted, last.fitted, course.searcher.criteria))
     ]  # fmt: skip
     found = (course.law_beside(model, last.fitted) for model in models)
     laws = [law for law in found if law is not None]
     over = [evidence_over_effects(law, last.fitted) for law in laws]
-    if not over or max(over) < EQUIVALENT_LOG_ODDS:
+    close = course.searcher.criteria.equivalent_log_odds
+    if not over or max(over) < close:
         return None
-    return next(law for law, own in zip(laws, over, strict=True) if own > max(over) - EQUIVALENT_LOG_ODDS)
+    return next(law for law, own in zip(laws, over, strict=True) if own > max(over) - close)
 
 
 def _without_the_needless(
@@ -215,7 +215,7 @@ def _exchanges(
     inflation, effective = last.fitted.coloured
     rivals: dict[tuple[str, str], tuple[Candidate, Candidate]] = {}
     for step in steps:
-        others = _rivals(step)
+        others = _rivals(step, searcher.criteria)
         if not others or any(step.effect in _required(other.effect) for other in steps):
             continue
         model = without_effect(last.fitted.experiment, step.effect)
@@ -239,7 +239,7 @@ def _exchanges(
                 refit = judged(base, candidate, fit, last.score_test.replicate_maxima, inflation, effective)
             except ImpossibleModelError:
                 continue
-            if own - refit.log_evidence < EQUIVALENT_LOG_ODDS:
+            if own - refit.log_evidence < searcher.criteria.equivalent_log_odds:
                 rivals[step.effect, candidate.name] = taken, candidate
                 searcher.fit_from_mode(base, fit)
     doubtful = tuple(dict.fromkeys(own for own, _ in rivals.values()))
@@ -247,7 +247,7 @@ def _exchanges(
     return tuple(dict.fromkeys((doubtful, *exchanged))) if rivals else ()
 
 
-def _rivals(step: Step) -> list[Candidate]:
+def _rivals(step: Step, criteria: Criteria) -> list[Candidate]:
     """Candidates that were significant where a step was decided and could stand in its place."""
     if step.decision is None or step.decision.chosen is None:
         return []
@@ -255,5 +255,5 @@ def _rivals(step: Step) -> list[Candidate]:
     return [
         refit.candidate for refit in step.decision.refits
         if refit.candidate.name != step.effect and len(refit.candidate.effects) == 1
-        and refit.p < SIGNIFICANCE_LEVEL and refit.gain >= least
+        and refit.p < criteria.significance_level and refit.gain >= least
     ]  # fmt: skip

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from cradle_env.effects import effect
 from cradle_env.plot_style import png
+from identification.diagnosis.criteria import exceeds_allowed_gap
 from identification.diagnosis.figures import (
     candidates_figure,
     comparison_figure,
@@ -29,7 +30,15 @@ if TYPE_CHECKING:
 
 #: What diagnosis.json is marked with.
 FORMAT = "cradle-diagnosis/1"
-_STAMP, _FILES = "diagnosis.json", ("report.html", "model.toml")
+#: The file that is written last, and marks a folder as that of a diagnosis.
+_STAMP = "diagnosis.json"
+_FILES = ("report.html", "model.toml")
+#: Plans in the table of what to measure next.
+_MAX_PLANS = 6
+#: Shift of an unknown [standard deviations] from which a hidden effect is listed.
+_MIN_SHIFT_SD = 1.0
+#: Shift of an unknown [standard deviations] above which the table says "or more": first order no longer holds.
+_MAX_SHIFT_SD = 100.0
 
 
 def check_folder(folder: Path) -> None:
@@ -48,7 +57,7 @@ def save(diagnosis: Diagnosis, folder: Path, progress: Progress | None = None) -
 
 def render_report(diagnosis: Diagnosis, content: Mapping[str, Any]) -> str:
     """The report. content: that of diagnosis.json."""
-    first = diagnosis.repaired.examined[0]
+    first, advice = diagnosis.repaired.examined[0], diagnosis.advice
     pictures = {
         **({"map": map_figure(first)} if window_tests(first) else {}),
         **({"energy": energy_figure(diagnosis)} if content["energy"] else {}),
@@ -66,7 +75,7 @@ def render_report(diagnosis: Diagnosis, content: Mapping[str, Any]) -> str:
         sentence=verdict_sentence(content),
         good=content["verdict"] in ("nothing_missing", "named")
         and not content["remainder"]["significant"]
-        and not _exceeds_allowed_gap(content),
+        and not _fails_prediction(content),
         declared={name: effect(name) for name in dict.fromkeys(named)},
         base_name=diagnosis.base_name,
         base=_base_rows(diagnosis, diagnosis.base.values),
@@ -80,8 +89,8 @@ def render_report(diagnosis: Diagnosis, content: Mapping[str, Any]) -> str:
             {**row, **{key: _format_number(row[key]) for key in _SCORES}, "gap": ratio(row["gap"])}
             for row in content["candidates"]
         ],
-        plans=[] if diagnosis.advice is None or diagnosis.advice.separates_none else diagnosis.advice.plans[:6],
-        instead="" if diagnosis.advice is None else diagnosis.advice.alternative,
+        plans=[] if advice is None or advice.separates_none else advice.plans[:_MAX_PLANS],
+        instead="" if advice is None else advice.alternative,
         released=diagnosis.experiment.runs[0].release is not None,
         pictures={name: base64.b64encode(png(figure)).decode() for name, figure in pictures.items()},
         model_toml=diagnosis.model_toml(),
@@ -112,7 +121,7 @@ def _limits_context(diagnosis: Diagnosis) -> dict[str, Any]:
         name = one.effect + (", all alike" if one.shared else "")
         if one.limit is None:
             rows.append({"name": name, "limit": None, "moves": ["–" for _ in names]})
-        elif max(map(abs, one.shifts_sd.values())) >= _MATTERS:
+        elif max(map(abs, one.shifts_sd.values())) >= _MIN_SHIFT_SD:
             least = math.isinf(one.parameter.absent)
             bar = "" if one.parameter.one_sided else "|"
             rounding = Rounding.of(one.limit, 0.1 * abs(one.limit))
@@ -120,18 +129,21 @@ def _limits_context(diagnosis: Diagnosis) -> dict[str, Any]:
                 "name": name, "symbol": bar + markup(one.parameter.symbol) + bar,
                 "sign": "≥" if least else "≤", "limit": rounding.text(abs(one.limit)),
                 "unit": unit_markup(one.parameter.unit, rounding.exponent),
-                "moves": [minus(f"{move:+.1f}" if abs(move) < _MANY else f"{math.copysign(_MANY, move):+.0f} or more")
-                          for move in one.shifts_sd.values()],
+                "moves": [_format_shift(shift) for shift in one.shifts_sd.values()],
             })  # fmt: skip
     return {"symbols": [symbols[name] for name in names], "rows": rows}
+
+
+def _format_shift(sd: float) -> str:
+    """A shift of an unknown, in its standard deviations."""
+    most = f"{math.copysign(_MAX_SHIFT_SD, sd):+.0f} or more"
+    return minus(f"{sd:+.1f}" if abs(sd) < _MAX_SHIFT_SD else most)
 
 
 def _energy_phrase(taken: float) -> str:
     return f"{'take' if taken >= 0.0 else 'give'} {1e3 * abs(taken):.3g} mJ"
 
 
-#: From how many standard deviations on it matters how far an unknown would be off, and from where on only that.
-_MATTERS, _MANY = 1.0, 100.0
 _SCORES = ("predicted_delta_chi2", "p", "delta_chi2", "log_evidence")
 _GAPS = ("gap_before", "gap_after", "train_before", "train_after")
 
@@ -144,7 +156,7 @@ def verdict_sentence(content: Mapping[str, Any]) -> str:
     departs = (
         f" What was held out departs more than noise and what is open of the unknowns allow (at most"
         f" {ratio(content['gap_allowed'])}): something else is missing, or stands behind what was found."
-        if _exceeds_allowed_gap(content)
+        if _fails_prediction(content)
         else ""
     )
     rest = (
@@ -167,9 +179,9 @@ def verdict_sentence(content: Mapping[str, Any]) -> str:
     return f"Something is missing, and it is no effect of the catalogue.{law}{rest}"
 
 
-def _exceeds_allowed_gap(content: Mapping[str, Any]) -> bool:
-    """Whether the repaired model fails on what was held out."""
-    return content["gap_last"] > content["gap_allowed"]
+def _fails_prediction(content: Mapping[str, Any]) -> bool:
+    """Whether the repaired model fails on what was held out, however far it is from the noise."""
+    return exceeds_allowed_gap(content["gap_last"], content["gap_allowed"])
 
 
 def _format_number(value: float | None) -> str:

@@ -7,12 +7,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from identification.diagnosis.criteria import DEFAULT_CRITERIA, Criteria, only_noise
 from identification.diagnosis.learned_law.law import LearnedLaw, learn_law
 from identification.diagnosis.residuals.residual_tests import ResidualScan, replicate_p_value, scan_residuals
 from identification.diagnosis.selection.candidates import list_candidates
 from identification.diagnosis.selection.model_comparison import (
-    EQUIVALENT_LOG_ODDS,
-    SIGNIFICANCE_LEVEL,
     Decision,
     again,
     beside,
@@ -26,7 +25,7 @@ from identification.diagnosis.selection.model_comparison import (
     worth_refitting,
 )
 from identification.diagnosis.selection.score_test import ScoreTest, score
-from identification.diagnosis.selection.search import Searcher, only_noise
+from identification.diagnosis.selection.search import Searcher
 from identification.inference.fit_result import Fitted
 from identification.progress import Progress
 
@@ -50,11 +49,12 @@ class ExaminedModel:
     residual_scan: ResidualScan
     score_test: ScoreTest
     p: float
+    criteria: Criteria
 
     @property
     def significant(self) -> bool:
-        """Whether the model leaves more than noise."""
-        return self.p < SIGNIFICANCE_LEVEL
+        """Whether the model leaves more than noise, by the verdict's test (see `only_noise` for the quick one)."""
+        return self.p < self.criteria.significance_level
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,7 +94,7 @@ class Course:
 
     def examine(self, fitted: Fitted) -> ExaminedModel:
         """A model under scrutiny, as all others of this course are."""
-        return examine(fitted, self.seed, self.estimated)
+        return examine(fitted, self.seed, self.estimated, self.searcher.criteria)
 
     def settle(self, fitted: Fitted) -> ExaminedModel:
         """Examines a model; where it leaves more than noise, first makes sure that no better mode explains that."""
@@ -209,7 +209,7 @@ class Course:
             before, was, last = self.examined[-2], self.decisions[-1], self.examined[-1].fitted
 
             def enough(fitted: Fitted) -> bool:  # χ² alone may call noise what is more
-                return only_noise(fitted) and fitted.chi2 < last.chi2 - last.unit
+                return only_noise(fitted, self.searcher.criteria) and fitted.chi2 < last.chi2 - last.unit
 
             decision = from_anywhere(before.fitted, was, before.score_test, self.searcher, self.tell, enough)
             if was.chosen and decision.chosen and decision.chosen.candidate != was.chosen.candidate:
@@ -227,7 +227,10 @@ class Course:
         decision = beside(before.fitted, before.score_test, last, self.searcher, self.tell)
         more = len(last.point) - len(before.fitted.point)
         both = log_evidence(before.fitted.chi2 - last.chi2, more, decision.inflation, decision.effective)
-        if decision.chosen is not None and decision.chosen.log_evidence > both - EQUIVALENT_LOG_ODDS:
+        if (
+            decision.chosen is not None
+            and decision.chosen.log_evidence > both - self.searcher.criteria.equivalent_log_odds
+        ):
             self._instead(decision, 2)
 
     def _instead(self, decision: Decision, count: int) -> None:
@@ -269,7 +272,9 @@ def _effects(fitted: Fitted) -> frozenset[str]:
     return frozenset({*fitted.cradle.effects, *fitted.experiment.unknown_effect_parameters})
 
 
-def examine(fitted: Fitted, seed: int, estimated: tuple[bool, ...]) -> ExaminedModel:
+def examine(
+    fitted: Fitted, seed: int, estimated: tuple[bool, ...], criteria: Criteria = DEFAULT_CRITERIA
+) -> ExaminedModel:
     """Locates and scores, against the same replicates; p of the lesser of the two p, by the replicates again."""
     replicates = fitted.replicates(_REPLICATES, np.random.default_rng(seed), estimated)
     located, scored = scan_residuals(fitted, replicates), score(fitted, replicates)
@@ -277,6 +282,5 @@ def examine(fitted: Fitted, seed: int, estimated: tuple[bool, ...]) -> ExaminedM
     of_data = min(replicate_p_value(replicate_maxima, largest) for largest, replicate_maxima in families)
     ranks = [1.0 - np.argsort(np.argsort(replicate_maxima)) / len(replicate_maxima) for _, replicate_maxima in families]
     of_replicates = np.minimum(*ranks)
-    return ExaminedModel(
-        fitted, located, scored, float((1 + np.sum(of_replicates < of_data)) / (1 + len(of_replicates)))
-    )
+    p = float((1 + np.sum(of_replicates < of_data)) / (1 + len(of_replicates)))
+    return ExaminedModel(fitted, located, scored, p, criteria)

@@ -6,6 +6,7 @@ import contextlib
 from collections.abc import Mapping
 from pathlib import Path
 
+from identification.diagnosis.criteria import DEFAULT_CRITERIA, Criteria
 from identification.diagnosis.data_checks.instrument_faults import check_instrument_faults
 from identification.diagnosis.data_checks.readings import check_readings
 from identification.diagnosis.data_checks.run_consistency import check_run_consistency
@@ -32,6 +33,7 @@ def diagnose(
     seed: int = 0,
     workers: int | None = None,
     progress: Progress | None = None,
+    criteria: Criteria = DEFAULT_CRITERIA,
 ) -> Diagnosis:
     """Where a model and measured runs part, what is missing, what the model with it looks like, what to measure next.
 
@@ -43,20 +45,20 @@ def diagnose(
     estimated = tuple(run.noise is None for run in experiment.runs)
     known = with_known_noise(experiment)
     store = FitCache.of(out, experiment, seed)
-    searcher = Searcher(store, seed, workers)
-    warnings = check_readings(known)
+    searcher = Searcher(store, seed, workers, criteria)
+    warnings = check_readings(known, criteria)
     progress("search", 0.0, "the model as given")
     given = searcher.fit_global(known, progress)
     progress("check", 0.0, "whether the readings hang together")
     whole = searcher.fit_all_data(given)
-    check_run_consistency(whole, seed, progress)
-    check_instrument_faults(whole)
+    check_run_consistency(whole, seed, progress, criteria)
+    check_instrument_faults(whole, criteria)
     base = choose_base_model(given, searcher, progress)
     repaired = repair(base, searcher, seed, estimated, progress)
     if any(given.cradle.has(step.effect) for step in repaired.steps):  # what was taken out shows after all
         base = given
         repaired = repair(base, searcher, seed, estimated, progress)
-    warnings = (*warnings, *describe_removed_effects(base, given))
+    warnings = (*criteria.changes(), *warnings, *describe_removed_effects(base, given))
     progress("advise", 0.0, "the next experiment")
     final = searcher.fit_all_data(repaired.last.fitted if repaired.law is None else repaired.law.fitted)
     others = _fit_equivalent_models(repaired, searcher)
@@ -75,7 +77,7 @@ def _advise(
     if not others:
         return None
     models = [searcher.fit_all_data(repaired.last.fitted), *others.values()]
-    return advise(models, [tuple(c.name for c in repaired.alternatives[0]), *others], seed, progress)
+    return advise(models, [tuple(c.name for c in repaired.alternatives[0]), *others], seed, progress, searcher.criteria)
 
 
 def _fit_equivalent_models(repaired: RepairResult, searcher: Searcher) -> dict[EffectNames, Fitted]:

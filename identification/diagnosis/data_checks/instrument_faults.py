@@ -13,22 +13,27 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from identification.diagnosis.criteria import DEFAULT_CRITERIA, Criteria, may_hold_faults
 from identification.experiment.experiment import Experiment
 from identification.experiment.run import Run
 from identification.inference.fit_result import Fitted, span
 from identification.inference.least_squares import refine
 from identification.inference.likelihood import Likelihood
 
-#: Excess of χ² over the number of readings R from which slips are sought, in √(2R); share of it that one must explain.
-_EXCESS, _SHARE = 6.0, 0.9
-#: Share of the excess that a slip must explain to first order to be worth refits.
-_WORTH = 0.3
-#: Points in time between which shifts are first sought, and how many of the best slips are tried by refits.
-_EDGES, _TRIED = 250, 3
-#: Refits in which the size of a slip settles, and evaluations in each.
-_ROUNDS, _EVALUATIONS = 4, 12
-#: Residuals beyond this many standard deviations may stray; such a stretch lasts at most this share of the run.
-_STRAY, _BRIEF = 4.0, 0.05
+#: Share of the excess χ² that a fault must explain to first order to be worth refits.
+_MIN_LINEAR_SHARE = 0.3
+#: Points in time between which shifts are first looked for.
+_EDGES = 250
+#: Best faults that are refitted.
+_MAX_REFITS = 3
+#: Rounds of refits in which the size of a fault converges.
+_ROUNDS = 4
+#: Evaluations in each of these refits.
+_EVALUATIONS = 12
+#: Residuals [standard deviations] beyond which readings are outliers.
+_OUTLIER_SD = 4.0
+#: Longest stretch of outliers, as a share of the run's readings.
+_MAX_OUTLIER_SHARE = 0.05
 
 
 @dataclass(frozen=True)
@@ -58,16 +63,15 @@ class InstrumentFault:
         return dataclasses.replace(experiment, runs=runs)
 
 
-def check_instrument_faults(fitted: Fitted) -> None:
+def check_instrument_faults(fitted: Fitted, criteria: Criteria = DEFAULT_CRITERIA) -> None:
     """ValueError, naming file, row, bob and remedy, if a slip explains what a fit to all readings leaves."""
-    excess = fitted.chi2 - fitted.count
-    if excess < _EXCESS * math.sqrt(2.0 * fitted.count):
+    if not may_hold_faults(fitted, criteria):
         return
-    for fault in sorted(_find_faults(fitted), key=lambda fault: -fault.gain)[:_TRIED]:
-        if fault.gain < _WORTH * fault.of:
+    for fault in sorted(_find_faults(fitted), key=lambda fault: -fault.gain)[:_MAX_REFITS]:
+        if fault.gain < _MIN_LINEAR_SHARE * fault.of:
             continue
         fault, left = _refit_fault(fitted, fault)
-        if left < (1.0 - _SHARE) * excess:
+        if left < (1.0 - criteria.fault_explained_share) * (fitted.chi2 - fitted.count):
             raise ValueError(_message(fault, fitted.experiment.runs[fault.run]))
 
 
@@ -189,12 +193,12 @@ class _RunScan:
         """The brief stretch of one bob's readings that is least like noise: the largest sum of what exceeds it."""
         own = self.residuals[:, bob]
         scale = max(1.0, 1.4826 * float(np.median(np.abs(own[self.seen[:, bob]]))))
-        sums = np.concatenate([[0.0], np.cumsum(np.where(self.seen[:, bob], (own / scale) ** 2 - _STRAY**2, 0.0))])
+        sums = np.concatenate([[0.0], np.cumsum(np.where(self.seen[:, bob], (own / scale) ** 2 - _OUTLIER_SD**2, 0.0))])
         lowest = np.minimum.accumulate(sums)
         last = int(np.argmax(sums - lowest))
         first = int(np.argmin(sums[: last + 1]))
         gain = float(np.sum(own[first:last] ** 2)) - (last - first)
-        if not 0 < last - first <= _BRIEF * len(own):
+        if not 0 < last - first <= _MAX_OUTLIER_SHARE * len(own):
             return []
         return [
             InstrumentFault(

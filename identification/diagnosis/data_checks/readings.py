@@ -11,21 +11,20 @@ import math
 import numpy as np
 
 from cradle_env.cradle import Cradle
+from identification.diagnosis.criteria import DEFAULT_CRITERIA, Criteria
 from identification.experiment.experiment import Experiment
 from identification.experiment.run import Run
 from identification.experiment.train_test import training_rows
 from identification.experiment.unit_check import angles_read, check_unit
 from identification.inference.likelihood import Likelihood
 
-#: Readings per unknown below which nothing can be said, and the unknowns that are counted at least.
-_FEWEST, _UNKNOWNS = 5, 10
-#: Small-angle periods that a training part must span, and readings that one must hold.
-_SHORTEST, _DENSEST = 2.0, 6.0
-#: Degrees that no experiment stays below [rad].
-_TINY = 0.01
+#: Unknowns that are counted at least: an effect that is missing adds some.
+_MIN_UNKNOWNS = 10
+#: Largest angle [rad] of readings in degrees from which their unit is believed: no cradle swings less than 0.6 degrees.
+_MIN_SWING = 0.01
 
 
-def check_readings(experiment: Experiment) -> tuple[str, ...]:
+def check_readings(experiment: Experiment, criteria: Criteria = DEFAULT_CRITERIA) -> tuple[str, ...]:
     """What to know about the readings, one line each; ValueError for what cannot be diagnosed."""
     warnings: list[str] = []
     for run in experiment.runs:
@@ -33,12 +32,12 @@ def check_readings(experiment: Experiment) -> tuple[str, ...]:
         check_unit(run, cradle)
         warnings += _warn_of_missing_readings(run, cradle)
         largest = float(np.nanmax(np.abs(angles_read(run, cradle))))
-        if run.unit == "deg" and run.release is None and largest < _TINY:
+        if run.unit == "deg" and run.release is None and largest < _MIN_SWING:
             warnings.append(
                 f"{run.file}: the largest angle is {math.degrees(largest):.2g} deg; if the file is in radians,"
                 " write [rad] in its header"
             )
-    _check_amount(experiment)
+    _check_amount(experiment, criteria)
     return tuple(warnings)
 
 
@@ -63,27 +62,27 @@ def _long_gaps(times: np.ndarray, seen: np.ndarray | np.bool_, longest: float) -
     return [(known[i], known[i + 1]) for i in np.flatnonzero(np.diff(known) > longest)]
 
 
-def _check_amount(experiment: Experiment) -> None:
+def _check_amount(experiment: Experiment, criteria: Criteria) -> None:
     """Refuses a training part of too few readings, too short a time, or too few readings in a swing."""
     rows = training_rows(experiment)[0]
-    unknowns = max(len(Likelihood(experiment, rows).unknowns), _UNKNOWNS)
+    needed = criteria.min_readings_per_unknown * max(len(Likelihood(experiment, rows).unknowns), _MIN_UNKNOWNS)
     readings = sum(
         int((~np.isnan(run.readings[inside])).sum()) for run, inside in zip(experiment.runs, rows, strict=True)
     )
-    if readings < _FEWEST * unknowns:
-        raise ValueError(f"{readings} readings to fit are too few for a diagnosis; give {_FEWEST * unknowns} or more")
+    if readings < needed:
+        raise ValueError(f"{readings} readings to fit are too few for a diagnosis; give {needed} or more")
     for run, inside in zip(experiment.runs, rows, strict=True):
         times, period = run.times[inside], experiment.cradle.period
         if not len(times):
             continue
         span, spacing = float(np.ptp(times)), float(np.median(np.diff(times)))
-        if span < _SHORTEST * period:
+        if span < criteria.min_periods * period:
             raise ValueError(
-                f"{run.file}: {span:.3g} s to fit are too few for a diagnosis, less than {_SHORTEST:g} swings of"
-                f" {period:.3g} s; record for longer, or move fit_from and fit_to"
+                f"{run.file}: {span:.3g} s to fit are too few for a diagnosis, less than"
+                f" {criteria.min_periods:g} swings of {period:.3g} s; record for longer, or move fit_from and fit_to"
             )
-        if spacing > period / _DENSEST:
+        if spacing > period / criteria.min_readings_per_period:
             raise ValueError(
                 f"{run.file}: readings every {spacing:.3g} s are too few for a swing of {period:.3g} s;"
-                f" give {_DENSEST:g} or more in each"
+                f" give {criteria.min_readings_per_period:g} or more in each"
             )

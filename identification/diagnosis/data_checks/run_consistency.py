@@ -14,26 +14,25 @@ import math
 import numpy as np
 
 from cradle_env.cradle import FIELDS
+from identification.diagnosis.criteria import DEFAULT_CRITERIA, Criteria, may_hold_faults
 from identification.experiment.run import Prior
 from identification.inference.fit_result import Fitted
 from identification.inference.likelihood import Likelihood
 from identification.inference.mode_search import find_mode
 from identification.progress import Progress
 
-#: Excess of χ² over the number of readings R from which runs are compared, in √(2R); share of it that may be left.
-_EXCESS, _LEFT = 6.0, 0.1
-#: Relative differences that one cradle does not show from run to run, and at how many standard deviations.
-_DIFFERENT, _CERTAIN = {"length": 0.004, "k_f": 0.1}, 10.0
-#: Standard deviations within which all else agrees.
-_ALIKE = 5.0
-#: Relative standard deviation of the prior of the length, where it is not to be inferred anyway.
-_LENGTH = 0.03
+#: Share of the joint fit's excess χ² that fits of each run alone may leave: different cradles leave only noise.
+_MAX_LEFT_SHARE = 0.1
+#: Difference [standard deviations] up to which unknowns other than length and k_f agree.
+_AGREE_SD = 5.0
+#: Relative standard deviation of the length's prior, where the experiment states none.
+_LENGTH_SD = 0.03
 
 
-def check_run_consistency(fitted: Fitted, seed: int, progress: Progress) -> None:
+def check_run_consistency(fitted: Fitted, seed: int, progress: Progress, criteria: Criteria = DEFAULT_CRITERIA) -> None:
     """ValueError, naming two runs and what differs, if runs fitted together are of different cradles."""
-    runs, excess = fitted.experiment.runs, fitted.chi2 - fitted.count
-    if len(runs) < 2 or excess < _EXCESS * math.sqrt(2.0 * fitted.count):
+    runs = fitted.experiment.runs
+    if len(runs) < 2 or not may_hold_faults(fitted, criteria):
         return
     left, estimates = 0.0, []
     for k, run in enumerate(runs):
@@ -41,10 +40,10 @@ def check_run_consistency(fitted: Fitted, seed: int, progress: Progress) -> None
         cost, known = _fit_alone(fitted, k, seed)
         left += cost
         estimates.append(known)
-    if left > _LEFT * excess:
+    if left > _MAX_LEFT_SHARE * (fitted.chi2 - fitted.count):
         return
     for i, j in itertools.combinations(range(len(runs)), 2):
-        name = _differing_unknown(estimates[i], estimates[j])
+        name = _differing_unknown(estimates[i], estimates[j], criteria)
         if name is not None:
             (one, sd), (other, other_sd) = estimates[i][name], estimates[j][name]
             raise ValueError(
@@ -57,12 +56,17 @@ def check_run_consistency(fitted: Fitted, seed: int, progress: Progress) -> None
 Estimates = dict[str, tuple[float, float]]
 
 
-def _differing_unknown(one: Estimates, other: Estimates) -> str | None:
+def _differing_unknown(one: Estimates, other: Estimates, criteria: Criteria) -> str | None:
     """What tells two cradles apart, by value and standard deviation of their unknowns; None if nothing does."""
     apart = {name: abs(other[name][0] - value) / math.hypot(sd, other[name][1]) for name, (value, sd) in one.items()}
-    for name, least in _DIFFERENT.items():
-        if name in apart and apart[name] > _CERTAIN and abs(other[name][0] / one[name][0] - 1.0) > least:
-            if name == "length" or all(z < _ALIKE for key, z in apart.items() if key not in _DIFFERENT):
+    least_of = {"length": criteria.min_length_difference, "k_f": criteria.min_k_f_difference}
+    for name, least in least_of.items():
+        if (
+            name in apart
+            and apart[name] > criteria.run_difference_sd
+            and abs(other[name][0] / one[name][0] - 1.0) > least
+        ):
+            if name == "length" or all(z < _AGREE_SD for key, z in apart.items() if key not in least_of):
                 return name
     return None
 
@@ -71,7 +75,7 @@ def _fit_alone(fitted: Fitted, k: int, seed: int) -> tuple[float, Estimates]:
     """(excess of χ², value and standard deviation of each unknown of the cradle) of run k alone."""
     together = fitted.experiment
     length = together.cradle.length
-    infer = {"length": Prior(mean=length, sd=_LENGTH * length), **together.infer}
+    infer = {"length": Prior(mean=length, sd=_LENGTH_SD * length), **together.infer}
     likelihood = Likelihood(
         dataclasses.replace(together, runs=(together.runs[k],), infer=infer),
         [fitted.likelihood.rows[k]],

@@ -18,6 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cradle_env.threads import each_in_threads, in_threads
+from identification.diagnosis.criteria import MISSPECIFIED_GAP, Criteria, only_noise
 from identification.diagnosis.learned_law.periodic_force import add_periodic_terms
 from identification.diagnosis.learned_law.terms import (
     LinearModel,
@@ -28,9 +29,9 @@ from identification.diagnosis.learned_law.terms import (
     with_terms,
 )
 from identification.diagnosis.residuals.multiple_shooting import can_be_segmented, fit_multiple_shooting
-from identification.diagnosis.selection.inner_validation import MISSPECIFIED_GAP, hold_out_last_third, validate_inner
-from identification.diagnosis.selection.model_comparison import EQUIVALENT_LOG_ODDS, log_evidence
-from identification.diagnosis.selection.search import Searcher, fit_key, only_noise
+from identification.diagnosis.selection.inner_validation import hold_out_last_third, validate_inner
+from identification.diagnosis.selection.model_comparison import log_evidence
+from identification.diagnosis.selection.search import Searcher, fit_key
 from identification.experiment.experiment import Experiment
 from identification.experiment.noise import gap_of_noise
 from identification.experiment.train_test import training_rows
@@ -44,16 +45,23 @@ from identification.inference.start_points import placed
 from identification.inference.unknowns import SEARCH
 from identification.progress import Progress
 
-#: Terms at most; shares of their coefficients at which refits may start, and evaluations of these.
-_MOST, _PARTS, _EVALUATIONS = 10, (1.0, 0.5, 0.2, 0.05), 20
-#: How often more terms are sought in what a law leaves of the free run; the gap, and the share of the motion missed, up
-#: to which a free run is in step with the data, so that terms may be chosen there at once.
-_ROUNDS, _SMALL, _MISSED = 3, 3.0, 0.1
-#: How many times the gap of effects named instead the gap of a law may at first be.
-_FAR_WORSE = 1.15
-#: Rounds over a rough misfit for an inner prediction: a law is fitted to its end only where it predicts.
+#: Terms of a law at most.
+_MAX_TERMS = 10
+#: Shares of the linear model's coefficients at which refits start.
+_START_SHARES = (1.0, 0.5, 0.2, 0.05)
+#: Evaluations of these refits.
+_EVALUATIONS = 20
+#: How often further terms are looked for in the residuals of a law.
+_ROUNDS = 3
+#: Training gap [noise] up to which a free run is in step with the data, so that the linear model holds there.
+_IN_STEP_GAP = 3.0
+#: Residual [share of the motion] up to which it is in step, too.
+_IN_STEP_SHARE = 0.1
+#: Inner gap of a law, over that of the effects named instead, up to which the law is completed.
+_MAX_GAP_OVER_RIVAL = 1.15
+#: Rounds of the nonsmooth descent for an inner prediction. Only a law that predicts is fitted to the end.
 _INNER_ROUNDS = 2
-#: How far from what was stated κ is taken by what a model lacks, in widths of its search.
+#: Distance of κ from its stated value [widths of its search] from which the missing law may have moved it.
 _DISTORTED = 2.0
 
 
@@ -112,7 +120,7 @@ def learn_law(fitted: Fitted, searcher: Searcher, progress: Progress, rival: Fit
     none = LearnedLaw(
         fitted, fitted, (), scales, *[_fit_free_run(fitted, searcher, part, scales, (), {}).held_out_gap()] * 2
     )
-    most = math.inf if rival is None else _FAR_WORSE * validate_inner(rival, searcher)[1]
+    most = math.inf if rival is None else _MAX_GAP_OVER_RIVAL * validate_inner(rival, searcher)[1]
     free = _linearize_free_run(none) if cut is None or _is_in_step(fitted) else []
     views = free if cut is None else [cut, *free]
     drafts = [_draft_extensions(none, searcher, part, scales, view, candidate_subsets(view), most) for view in views]
@@ -130,7 +138,7 @@ def learn_law(fitted: Fitted, searcher: Searcher, progress: Progress, rival: Fit
     if law is None:
         return None
     for i in range(_ROUNDS):
-        if only_noise(law.fitted):  # terms that bend to noise spoil what the law predicts
+        if only_noise(law.fitted, searcher.criteria):  # terms that bend to noise spoil what the law predicts
             break
         progress("law", 0.8 + 0.05 * i, "what the law leaves")
         views = ((view, best_subset(view)) for view in _linearize_free_run(law))
@@ -147,7 +155,7 @@ def _is_in_step(fitted: Fitted) -> bool:
     likelihood, motion = fitted.likelihood, 0.0
     for run, rows, noise in zip(fitted.experiment.runs, likelihood.rows, likelihood.noise_model.weights, strict=True):
         motion += float(np.nansum((swings_read(run, rows)[rows] / noise) ** 2))
-    return fitted.training_gap() <= _SMALL or fitted.chi2 <= _MISSED**2 * motion
+    return fitted.training_gap() <= _IN_STEP_GAP or fitted.chi2 <= _IN_STEP_SHARE**2 * motion
 
 
 def _linearize_free_run(law: LearnedLaw) -> list[LinearModel]:
@@ -159,7 +167,7 @@ def _linearize_free_run(law: LearnedLaw) -> list[LinearModel]:
 def candidate_subsets(linear: LinearModel) -> list[tuple[int, ...]]:
     """The best subset of all sizes, then those of the path with half as many terms, a quarter, and one: more terms may
     bend to what they were fitted to."""
-    path, best = linear.subset_path(_MOST), best_subset(linear)
+    path, best = linear.subset_path(_MAX_TERMS), best_subset(linear)
     sizes = dict.fromkeys((len(best) // 2, len(best) // 4, 1))
     return [best, *(path[size - 1] for size in sizes if 0 < size < len(best))] if best else []
 
@@ -260,7 +268,7 @@ def _fit_whole(law: LearnedLaw, searcher: Searcher, draft: _Draft) -> LearnedLaw
 
 def best_subset(linear: LinearModel) -> tuple[int, ...]:
     """The subset of the path with the most evidence, without terms that lessen it; () where none has any."""
-    path = linear.subset_path(_MOST)
+    path = linear.subset_path(_MAX_TERMS)
     if not path:
         return ()
     left = linear.solve(path[-1])[0]
@@ -292,7 +300,7 @@ def _fit_free_run(
 
     def find() -> np.ndarray:
         # All that a linear model found at once may throw a long run out of step, where part of it does not.
-        parts = _PARTS if meet else _PARTS[:1]
+        parts = _START_SHARES if meet else _START_SHARES[:1]
         reached = []
         for origin in _start_origins(fitted):
             begin = {**fitted.values, **values, **origin}
@@ -333,13 +341,13 @@ def evidence_over_effects(law: LearnedLaw, named: Fitted) -> float:
     )
 
 
-def can_outdo(before: Fitted, named: Fitted) -> bool:
+def can_outdo(before: Fitted, named: Fitted, criteria: Criteria) -> bool:
     """Whether a law on a model could have the `advantage` over effects that leave nothing but noise: by fewer unknowns
     than they have, for what more it explains by chance pays no more than the choice of its terms."""
     inflation, effective = named.coloured
     spared = len(named.point) - len(before.point)
-    several = range(1, _MOST + 1)
-    return EQUIVALENT_LOG_ODDS <= max(
+    several = range(1, _MAX_TERMS + 1)
+    return criteria.equivalent_log_odds <= max(
         log_evidence(0.0, k - spared, inflation, effective) - selection_cost(before.cradle, k) for k in several
     )
 

@@ -26,15 +26,20 @@ from identification.inference.fit_result import Fitted
 from identification.inference.likelihood import STEP_FACTOR
 from identification.number_format import minus
 
+#: Points of a curve.
 _POINTS = 121
-#: Relative step of k_f and of a frequency in differences.
+#: Relative step of k_f and of a frequency in finite differences.
 _STEP = 1e-3
-#: Of a normal distribution, the half width of the central 95 %; and what share of the largest part is worth a word.
-_SIGMAS, _WORTH = 1.96, 0.1
-#: What impacts take varies by less where it is told as the same: its least over its most.
+#: Half width of a normal distribution's central 95 % [standard deviations].
+_SIGMAS = 1.96
+#: Share of the largest curve of its unit from which a curve is described.
+_WORTH = 0.1
+#: Least over largest speed lost at an impact from which the loss is described as constant.
 _SAME = 0.8
-#: Gaps up to which a force between neighbours is shown [radii of a bob]; periods over which one in time is.
-_FURTHEST, _PERIODS = 2.0, 2.0
+#: Largest gap at which a force between neighbours is drawn [radii of a bob].
+_MAX_GAP = 2.0
+#: Periods of a periodic force that are drawn.
+_PERIODS = 2.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -184,7 +189,7 @@ class LawShape:
     def _curves_of_pair(self, pair: int) -> list[Curve]:
         name = learned_pair.name
         who = self._actor(name, pair, "neighbours")
-        gap = np.linspace(0.0, _FURTHEST, _POINTS)
+        gap = np.linspace(0.0, _MAX_GAP, _POINTS)
         decays = dict(zip(OF_PAIR, PAIR_DECAYS * 2, strict=True))
         curves = []
         for kind, title, unit, scale in (

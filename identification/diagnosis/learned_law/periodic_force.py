@@ -24,10 +24,10 @@ from identification.diagnosis.residuals.multiple_shooting import MultipleShootin
 from identification.diagnosis.residuals.periodogram import frequency_grid
 from identification.inference.fit_result import Fitted, span
 
-#: Frequencies at which windows are simulated, per inverse width of a window: splines then find the best on the grid.
+#: Simulated frequencies per inverse width of a window; splines interpolate between them.
 _COARSE = 2.0
-#: Frequencies that are judged together.
-_TOGETHER = 32
+#: Frequencies whose waves are in memory at once.
+_CHUNK = 32
 
 
 def add_periodic_terms(
@@ -59,7 +59,7 @@ def add_periodic_terms(
     b = fitted.jacobian[:, [fitted.likelihood.names.index("b")]]
     basis = span(np.column_stack([linear.basis, b, linear.columns[:, others]]))
     saved = []
-    for several in np.array_split(sought, -(-len(sought) // _TOGETHER)):
+    for several in np.array_split(sought, -(-len(sought) // _CHUNK)):
         waves = between(several) * np.exp(2j * np.pi * np.outer(several, middle))
         saved += [*_wave_gains(waves, basis, fitted.residuals)]
     scales = {**scales, "frequency": float(sought[np.argmax(saved)])}

@@ -19,8 +19,8 @@ from cradle_env.effects import LEARNED, effect
 from cradle_env.effects.learned_force import ALONG_STRINGS, IN_TIME, learned_force
 from cradle_env.effects.radial_elasticity import radial_elasticity
 from cradle_env.threads import in_threads
+from identification.diagnosis.criteria import MISSPECIFIED_GAP
 from identification.diagnosis.selection.candidates import with_effects
-from identification.diagnosis.selection.inner_validation import MISSPECIFIED_GAP
 from identification.diagnosis.selection.model_comparison import log_evidence
 from identification.experiment.experiment import Experiment
 from identification.inference.fit_result import Fitted, span
@@ -30,10 +30,16 @@ from identification.inference.noise_model import rms
 from identification.inference.nonsmooth import lengths_of
 from identification.inference.start_points import placed
 
-#: Least share of a term that must be left beside all that the unknowns absorb, and the least that may remain of b.
-_SEEN, _LEAST_B = 1e-3, -0.9
-#: First step of a coefficient [its unit], how far readings should move by it [noise], and how often it is sought.
-_STEP, TARGET_SHIFT, _TRIES = 1e-6, 0.3, 6
+#: Share of a term's effect on the residuals that the other unknowns must not absorb.
+_MIN_VISIBLE_SHARE = 1e-3
+#: Lowest relative change of b: drag stays positive.
+_MIN_B_CHANGE = -0.9
+#: First step of a coefficient in finite differences [its unit].
+_STEP = 1e-6
+#: RMS change of the residuals by which the step is chosen [noise].
+TARGET_SHIFT = 0.3
+#: Tries to find that step.
+_TRIES = 6
 #: The unknown that terms in time share.
 FREQUENCY = f"{learned_force.name}.frequency"
 
@@ -146,7 +152,7 @@ class LinearModel:
         lengths = np.linalg.norm(own, axis=0)
         left = own / np.where(lengths > 0.0, lengths, 1.0)
         left -= basis @ (basis.T @ left)
-        seen = np.flatnonzero(np.linalg.norm(left[:, 1:], axis=0) > _SEEN)
+        seen = np.flatnonzero(np.linalg.norm(left[:, 1:], axis=0) > _MIN_VISIBLE_SHARE)
         left = left[:, [0, *(1 + seen)]] * lengths[[0, *(1 + seen)]]
         return cls(fitted, terms, columns, basis, seen, left.T @ left, -left.T @ fitted.residuals)
 
@@ -167,7 +173,7 @@ class LinearModel:
 
     def coefficients(self, subset: tuple[int, ...]) -> np.ndarray:
         """Of b (the change of its coordinate) and of a subset, (1 + k,)."""
-        own, least = [0, *subset], _LEAST_B * self.fitted.scale_of("b")
+        own, least = [0, *subset], _MIN_B_CHANGE * self.fitted.scale_of("b")
         size = np.sqrt(np.diag(self.G)[own])
         size[size == 0.0] = 1.0
         G, h = self.G[np.ix_(own, own)] / np.outer(size, size) + 1e-9 * np.eye(len(own)), self.h[own] / size

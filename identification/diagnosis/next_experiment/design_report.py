@@ -24,10 +24,12 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-#: Written last, and what else there is besides the experiment.
-_STAMP, _PICTURE, _REPORT = "design.json", "design.png", "report.html"
+#: The file that is written last, and marks a folder as that of a design.
+_STAMP = "design.json"
+_PICTURE = "design.png"
+_REPORT = "report.html"
 #: Plans in the table.
-_SHOWN = 12
+_MAX_PLANS = 12
 
 
 def check_folder(folder: Path) -> None:
@@ -89,7 +91,7 @@ def render_report(design: Design, content: dict[str, Any], picture: bytes) -> st
         declared={name: effect(name) for name in named},
         plans=[
             (plan, describe_run(plan.setting, plan.duration), format_information(plan))
-            for plan in design.advice.plans[:_SHOWN]
+            for plan in design.advice.plans[:_MAX_PLANS]
         ],
         picture=base64.b64encode(picture).decode(),
         experiment_toml="" if design.advice.separates_none else design.experiment_toml(),

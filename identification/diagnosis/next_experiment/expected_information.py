@@ -18,16 +18,22 @@ import numpy as np
 
 from cradle_env.release import Release
 from cradle_env.simulation import simulate
+from identification.diagnosis.criteria import DEFAULT_CRITERIA, Criteria
 from identification.diagnosis.next_experiment.planned_run import Instrument, PlannedRun, Setting, expected_log_bayes
 from identification.diagnosis.next_experiment.run_grid import describe_run, rank_settings, search_grid
-from identification.diagnosis.selection.model_comparison import EQUIVALENT_LOG_ODDS
 from identification.inference.fit_result import Fitted
 from identification.inference.impossible_model import ImpossibleModelError
 from identification.inference.least_squares import bounds
 from identification.progress import Progress
 
-#: How many settings are simulated once; how many of them well, and how often each.
-_POOL, _SIMULATED, _DRAWS = 6, 2, 4
+#: Settings that are simulated once.
+_POOL = 6
+#: The best of these, which are simulated again.
+_SIMULATED = 2
+#: Draws of data in each of them: their scatter gives the standard error.
+_DRAWS = 4
+#: Standard errors that the simulated log Bayes factor must be above what counts as told apart.
+_LUCK_SE = 2.0
 #: What settles it where no run does: how a member is measured by itself.
 DIRECT_MEASUREMENTS = {
     "added_mass": "weigh the bobs and work out the air that their volume drags along",
@@ -79,6 +85,7 @@ class Advice:
     separates: tuple[tuple[str, ...], ...]
     inseparable: tuple[tuple[tuple[str, ...], tuple[str, ...]], ...] = ()
     best: float = math.nan
+    criteria: Criteria = DEFAULT_CRITERIA
 
     @property
     def separates_none(self) -> bool:
@@ -94,7 +101,7 @@ class Advice:
         members = dict.fromkeys(name for pair in self.inseparable for names in pair for name in names)
         ways = [DIRECT_MEASUREMENTS[name] for name in members if name in DIRECT_MEASUREMENTS]
         measure = f": measure mass, length or clock directly ({', or '.join(ways)})." if ways else "."
-        if self.best >= EQUIVALENT_LOG_ODDS:
+        if self.best >= self.criteria.equivalent_log_odds:
             return (
                 f"Whether an experiment of this kind separates {pairs} is open (the best would give a log Bayes factor"
                 f" of {self.best:.2g}, within its scatter){measure}"
@@ -122,7 +129,11 @@ class Advice:
 
 
 def advise(
-    models: Sequence[Fitted], sets: Sequence[tuple[str, ...]], seed: int = 0, progress: Progress | None = None
+    models: Sequence[Fitted],
+    sets: Sequence[tuple[str, ...]],
+    seed: int = 0,
+    progress: Progress | None = None,
+    criteria: Criteria = DEFAULT_CRITERIA,
 ) -> Advice | None:
     """The experiments that tell the models apart, each named by its set of effects; None if none can be done."""
     progress = progress or (lambda *_: None)
@@ -133,7 +144,7 @@ def advise(
         ways = [((planned[i], planned[j]), (planned[j], planned[i])) for i, j in pairs]
         return np.min([[expected_log_bayes(true, other, duration) for true, other in both] for both in ways], axis=1)
 
-    settings = search_grid(models, instrument, least_log_bayes, progress)
+    settings = search_grid(models, instrument, least_log_bayes, progress, criteria)
     if not settings:
         return None
     simulated: dict[Setting, tuple[np.ndarray, np.ndarray]] = {}
@@ -152,12 +163,13 @@ def advise(
     for setting in settings:
         pool.setdefault((setting.bobs, setting.lifted, setting.angle), setting)
     simulate_each(list(pool.values())[:_POOL], 1)
-    chosen = rank_settings({setting: (0.0, mean) for setting, (mean, _) in simulated.items()})[:_SIMULATED]
+    chosen = rank_settings({setting: (0.0, mean) for setting, (mean, _) in simulated.items()}, criteria)[:_SIMULATED]
     simulate_each(chosen, _DRAWS)
     if not simulated:
         return None
     # What luck in the draws may account for does not tell models apart.
-    apart = np.nanmax([simulated[s][0] - 2.0 * simulated[s][1] for s in chosen], axis=0) >= EQUIVALENT_LOG_ODDS
+    surely = [simulated[s][0] - _LUCK_SE * simulated[s][1] for s in chosen]
+    apart = np.nanmax(surely, axis=0) >= criteria.equivalent_log_odds
     most = np.max([simulated[s][0] for s in chosen], axis=0)
     ranked = apart if apart.any() else np.ones(len(pairs), bool)
     plans = []
@@ -172,6 +184,7 @@ def advise(
         tuple(sets[k] for k in sorted(told_apart)),
         tuple((sets[i], sets[j]) for (i, j), yes in zip(pairs, apart, strict=True) if not yes),
         float(most[~apart].max(initial=-math.inf)) if not apart.all() else math.nan,
+        criteria,
     )
 
 
@@ -201,7 +214,7 @@ def advise_on_lambda(fitted: Fitted, progress: Progress | None = None) -> Advice
         after[np.ix_(at, at)] += learned
         return np.array([0.5 * math.log((g @ before @ g) / (g @ np.linalg.solve(after, g)))])
 
-    settings = search_grid([fitted], instrument, gain, progress or (lambda *_: None))
+    settings = search_grid([fitted], instrument, gain, progress or (lambda *_: None), DEFAULT_CRITERIA)
     plans = [_plan(s, instrument, duration, float(value[0])) for s, (duration, value) in settings.items()]
     return Advice(tuple(plans), ()) if plans else None
 

@@ -21,12 +21,17 @@ from identification.inference.least_squares import bounds, jacobian, refine
 from identification.inference.likelihood import Likelihood
 from identification.inference.start_points import placed
 
-#: Readings per second beyond which more of them count as less noise: the swing is slower.
+#: Readings per second of a planned run; a faster recording counts as one of this rate with less noise, for the swing is
+#: slower.
 _RATE = 60.0
-#: How well a release is known where the experiment states none: angle [rad] and instant [s], 1 sigma.
+#: Standard deviation of the release where the experiment states none: angle [rad] and instant [s].
 _UNSTATED = (0.01, 0.01)
-#: Departure from first order, in χ², that is borne: a share of the step itself, and what no one sees; steps tried.
-_CURVED, _CURVED_AT_ALL, _TRIES = 0.05, 4.0, 4
+#: Departure from the linearized run that counts as predictable, in χ²: a share of the χ² of the linear change itself.
+_NONLINEAR_SHARE = 0.05
+#: The same where that change is small: two standard deviations of one reading cannot be seen.
+_NONLINEAR_CHI2 = 4.0
+#: Draws from the posterior of the old data by which this is judged.
+_DRAWS = 4
 #: Evaluations of a refit to simulated data.
 _EVALUATIONS = 20
 
@@ -180,7 +185,7 @@ class PlannedRun(Likelihood):
         where open gaps make an impact now and then, it is chaos, and no refit finds the way."""
         rng, view, times = np.random.default_rng(0), self.linearized, self.experiment.runs[0].times
         kept = np.ones(len(times), bool)
-        for _ in range(_TRIES):
+        for _ in range(_DRAWS):
             step = np.linalg.solve(self._root, rng.standard_normal(len(self.prior_mean)))
             point = np.clip(self.prior_mean + step, *bounds(self))
             along = view.S @ (point - self.prior_mean)
@@ -189,7 +194,7 @@ class PlannedRun(Likelihood):
                 np.cumsum(np.sum(part.reshape(len(times), -1) ** 2, axis=1))
                 for part in (seen - view.model - along, along)
             )
-            kept &= departure <= _CURVED * distance + _CURVED_AT_ALL
+            kept &= departure <= _NONLINEAR_SHARE * distance + _NONLINEAR_CHI2
         lost = np.flatnonzero(~kept)
         return float(times[lost[0]]) if len(lost) else math.inf
 

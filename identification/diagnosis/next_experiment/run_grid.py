@@ -6,20 +6,26 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from identification.diagnosis.criteria import Criteria
 from identification.diagnosis.next_experiment.planned_run import Instrument, PlannedRun, Setting
-from identification.diagnosis.selection.model_comparison import EQUIVALENT_LOG_ODDS
 from identification.inference.fit_result import Fitted
 from identification.inference.impossible_model import ImpossibleModelError
 from identification.progress import Progress
 
-#: The grid: release angles [rad], δ, durations [s]; a first look is taken at one angle, the first at which any run can
-#: be followed.
-_ANGLES, _DELTAS, _DURATIONS = (0.05, 0.1, 0.2, 0.4, 0.8, 1.2), (-0.002, 0.0, 0.002, 0.01), (15.0, 30.0, 60.0)
+#: Release angles of the grid [rad]: from where friction matters most to where a large swing does.
+_ANGLES = (0.05, 0.1, 0.2, 0.4, 0.8, 1.2)
+#: δ of the grid, besides the present one: bobs pressed together, just touching, and apart.
+_DELTAS = (-0.002, 0.0, 0.002, 0.01)
+#: Durations of the grid [s].
+_DURATIONS = (15.0, 30.0, 60.0)
+#: Release angles of the first look [rad]; it uses the first at which the models can be predicted in any run.
 _FIRST_LOOK = (0.2, 0.1, 0.05, 0.4)
-#: How many numbers of bobs, hung and lifted, are looked at closely.
+#: Pairs (bobs on the cradle, bobs lifted) that the whole grid is evaluated for.
 _SHAPES = 2
-#: A run is not made longer for less than this share of what it tells, nor where it tells more than enough.
-_LONGER, _ENOUGH = 0.1, 1e4
+#: Share of its information that a run must gain by being longer.
+_LONGER = 0.1
+#: Information that is enough: a longer run is not needed for more.
+_ENOUGH = 1e4
 
 #: What models in a planned run tell in so many seconds: a number for each pair of them, or one of λ.
 Information = Callable[[list[PlannedRun], float], np.ndarray]
@@ -34,7 +40,7 @@ def describe_run(setting: Setting, duration: float) -> str:
 
 
 def search_grid(
-    models: Sequence[Fitted], instrument: Instrument, information: Information, progress: Progress
+    models: Sequence[Fitted], instrument: Instrument, information: Information, progress: Progress, criteria: Criteria
 ) -> dict[Setting, tuple[float, np.ndarray]]:
     """Settings with their durations and what they should tell, of each pair; the most telling first.
 
@@ -60,13 +66,13 @@ def search_grid(
         look([Setting(n, k, angle, _delta(now, n, most)) for n, k in shapes], "grid")
         if found:
             break
-    best = list(dict.fromkeys((s.bobs, s.lifted) for s in rank_settings(found)))[:_SHAPES]
+    best = list(dict.fromkeys((s.bobs, s.lifted) for s in rank_settings(found, criteria)))[:_SHAPES]
     grid = []
     for n, k in best:
         deltas = [_delta(now, n, most)] if n == 1 or fixed else [_delta(now, n, most), *_DELTAS]
         grid += [Setting(n, k, angle, delta) for angle in _ANGLES for delta in dict.fromkeys(deltas)]
     look(grid, "grid, closer")
-    return {setting: found[setting] for setting in rank_settings(found)}
+    return {setting: found[setting] for setting in rank_settings(found, criteria)}
 
 
 def _delta(now: float | tuple[float, ...], bobs: int, most: int) -> float | tuple[float, ...]:
@@ -74,11 +80,11 @@ def _delta(now: float | tuple[float, ...], bobs: int, most: int) -> float | tupl
     return now if bobs == most or not isinstance(now, tuple) else float(np.mean(now))
 
 
-def rank_settings(found: dict[Setting, tuple[float, np.ndarray]]) -> list[Setting]:
+def rank_settings(found: dict[Setting, tuple[float, np.ndarray]], criteria: Criteria) -> list[Setting]:
     """By the least of the pairs that any setting tells apart, of all where none does."""
     if not found:
         return []
-    apart = np.max([value for _, value in found.values()], axis=0) >= EQUIVALENT_LOG_ODDS
+    apart = np.max([value for _, value in found.values()], axis=0) >= criteria.equivalent_log_odds
     apart = apart if apart.any() else ~apart
     return sorted(found, key=lambda setting: -float(found[setting][1][apart].min()))
 

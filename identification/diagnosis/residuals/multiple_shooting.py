@@ -22,15 +22,17 @@ from identification.inference.likelihood import Likelihood, hanging_radius
 from identification.inference.start_points import placed
 from identification.inference.unknowns import WORN
 
-#: Width of a window, in small-angle periods, and evaluations by which its start states are found.
-_WIDTH, _EVALUATIONS = 3.0, 12
-#: Effects with a state of their own, which no window infers.
-_GOING_ON = ("string_creep", "frame_compliance")
+#: Width of a window [small-angle periods].
+_WINDOW_PERIODS = 3.0
+#: Evaluations of the fit of all start states.
+_EVALUATIONS = 12
+#: Effects with a state of their own, which a window does not infer.
+_STATEFUL_EFFECTS = ("string_creep", "frame_compliance")
 
 
 def can_be_segmented(cradle: Cradle) -> bool:
     """Whether a window can begin anew: with what goes on beside the motion of the bobs, none can."""
-    return not any(map(cradle.has, _GOING_ON))
+    return not any(map(cradle.has, _STATEFUL_EFFECTS))
 
 
 def fit_multiple_shooting(fitted: Fitted) -> Fitted:
@@ -43,7 +45,7 @@ def fit_multiple_shooting(fitted: Fitted) -> Fitted:
     for k, (run, rows) in enumerate(zip(experiment.runs, likelihood.rows, strict=True)):
         if not rows.any():
             continue
-        edges = _segment_edges(run.times[rows], _WIDTH * fitted.cradle.period)
+        edges = _segment_edges(run.times[rows], _WINDOW_PERIODS * fitted.cradle.period)
         states = _start_states(fitted, k, edges[:-1])
         rest = np.array([fitted.values.get(f"rest[{i + 1}]@{k + 1}", 0.0) for i in range(fitted.cradle.bobs)])
         for number, (low, high) in enumerate(itertools.pairwise(edges)):

@@ -19,17 +19,27 @@ from identification.diagnosis.residuals.periodogram import count_independent, fr
 from identification.diagnosis.residuals.windows import Window, model_motions, start_state_windows, window_edges
 from identification.inference.fit_result import Fitted, span
 
-#: Harmonics of the swing sought in a window; degree of slow courses over a run.
-_HARMONICS, _DEGREE = 3, 4
+#: Harmonics of the swing that a window is tested for.
+_HARMONICS = 3
+#: Readings of a window per column of its basis, at least.
+_READINGS_PER_COLUMN = 4
+#: Readings near impacts that a window is tested with, at least.
+_MIN_IMPACT_READINGS = 3
+#: Degree of the Legendre polynomials that describe slow changes over a run.
+_DEGREE = 4
 #: Sectors of the swing's phase.
 _SECTORS = 8
-#: Readings of a bob from which on a sector or a line is looked for; places told at most.
-_FEWEST, _MOST_SHOWN = 20, 12
-#: Parts of a run from which the unknowns are inferred alone.
+#: Readings of a bob with which a sector or a spectral line is tested, at least.
+_MIN_READINGS = 20
+#: Tests reported at most.
+_MAX_REPORTED = 12
+#: p among all tests up to which a test is reported.
+_REPORTED_P = 0.05
+#: First parts of a run that the unknowns are inferred from alone.
 _PARTS = (0.25, 0.5, 0.75)
 
 
-#: What is sought in a place, and how reports put it; of sectors of the swing and of lines, see `in_words`.
+#: What a test looks for, in words. `describe_phase` adds sectors of the swing and spectral lines.
 PHASES = {
     "all": "all residuals",
     "flight": "in flight",
@@ -137,9 +147,9 @@ def scan_residuals(fitted: Fitted, replicates: np.ndarray) -> ResidualScan:
     replicate_maxima = np.max([test.neg_log10_p(replicates) for test in tests], axis=0)
     by_size = np.argsort(-found)
     where = []
-    for i in by_size[:_MOST_SHOWN]:
+    for i in by_size[:_MAX_REPORTED]:
         p = replicate_p_value(replicate_maxima, float(found[i]))
-        if p <= 0.05:
+        if p <= _REPORTED_P:
             where.append(_describe_test(fitted, tests[i], float(found[i]), p))
     largest = float(found[by_size[0]])
     ledger = [
@@ -195,12 +205,12 @@ def list_residual_tests(fitted: Fitted, found: list[Window]) -> list[ResidualTes
             tests.append(add(whole, "all", motion.rows[mine], None))
             for s in range(_SECTORS):
                 inside = mine & (sector == s)
-                if inside.sum() >= _FEWEST:
+                if inside.sum() >= _MIN_READINGS:
                     tests.append(
                         add(whole, f"{360 * s // _SECTORS}–{360 * (s + 1) // _SECTORS}°", motion.rows[inside],
                             np.full((int(inside.sum()), 1), inside.sum() ** -0.5))
                     )  # fmt: skip
-            if len(sought) and fitted.cradle.bobs > 1 and mine.sum() >= _FEWEST:
+            if len(sought) and fitted.cradle.bobs > 1 and mine.sum() >= _MIN_READINGS:
                 rows, time = motion.rows[mine], motion.time[mine]
                 tests.append(LineTest(run, int(bob), whole, "line", rows, None, time, sought))
             # Residuals along θ are an amplitude that is off, along θ̇ a frequency.
@@ -210,10 +220,10 @@ def list_residual_tests(fitted: Fitted, found: list[Window]) -> list[ResidualTes
             for low, high in itertools.pairwise(ends):
                 window = mine & (motion.time >= low) & ((motion.time < high) | (high == whole[1]))
                 flight, impact = window & ~motion.near_impact, window & motion.near_impact
-                if flight.sum() >= 4 * (2 * _HARMONICS + 1):
+                if flight.sum() >= _READINGS_PER_COLUMN * (2 * _HARMONICS + 1):
                     basis = _harmonic_basis(omega * motion.time[flight])
                     tests.append(add((float(low), float(high)), "flight", motion.rows[flight], basis))
-                if impact.sum() >= 3:
+                if impact.sum() >= _MIN_IMPACT_READINGS:
                     tests.append(add((float(low), float(high)), "impact", motion.rows[impact], None))
     tests += _early_part_tests(fitted)
     for run in sorted({window.run for window in found}):
@@ -222,7 +232,7 @@ def list_residual_tests(fitted: Fitted, found: list[Window]) -> list[ResidualTes
         of_bob = fitted.readings.bob[window.rows]
         for bob in np.unique(of_bob):
             mine = of_bob == bob
-            if mine.sum() < 4 * (2 * _HARMONICS + 1):
+            if mine.sum() < _READINGS_PER_COLUMN * (2 * _HARMONICS + 1):
                 continue
             columns = np.zeros((len(of_bob), 2 * _HARMONICS + 1))
             columns[mine] = _harmonic_basis(omega * fitted.readings.time[window.rows][mine])

@@ -12,12 +12,14 @@ from cradle_env.release import InitialState
 from identification.inference.fit_result import Fitted, span
 from identification.inference.impossible_model import ImpossibleModelError, raises_impossible
 
-#: Width of a window, in small-angle periods.
-_WIDTH = 2.0
-#: Readings are near an impact within so many seconds of it.
-_NEAR = 0.025
-#: Differences of a start state are so many noises wide.
-_APART = 0.3
+#: Width of a window [small-angle periods].
+_WINDOW_PERIODS = 2.0
+#: Readings per unknown of its start state that a window must hold.
+_READINGS_PER_UNKNOWN = 4
+#: Time from an impact [s] within which readings are near it.
+_NEAR_IMPACT = 0.025
+#: Step of the finite differences of a start state [noise of a reading].
+_DIFFERENCE = 0.3
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,7 +67,7 @@ def _motion(fitted: Fitted, index: int) -> ModelMotion:
             after = np.searchsorted(hits, instants)
             before_it = np.abs(instants - hits[np.maximum(after - 1, 0)])
             after_it = np.abs(instants - hits[np.minimum(after, len(hits) - 1)])
-            near |= (bob == i) & (np.minimum(before_it, after_it)[row] < _NEAR)
+            near |= (bob == i) & (np.minimum(before_it, after_it)[row] < _NEAR_IMPACT)
     speed = run.theta_dot[row, bob] * cradle.period / (2.0 * np.pi)
     return ModelMotion(rows, bob, at.time[rows], run.theta[row, bob], speed, near)
 
@@ -81,7 +83,7 @@ def start_state_windows(fitted: Fitted) -> list[Window]:
 def window_edges(fitted: Fitted, index: int) -> np.ndarray:
     """Times [s] in the file of a run at which its windows begin, and the end of the last."""
     time = fitted.readings.time[fitted.readings.run == index]
-    return equal_edges(float(time.min()), float(time.max()), _WIDTH * fitted.cradle.period)
+    return equal_edges(float(time.min()), float(time.max()), _WINDOW_PERIODS * fitted.cradle.period)
 
 
 def equal_edges(begin: float, end: float, width: float) -> np.ndarray:
@@ -95,14 +97,14 @@ def _windows_of_run(fitted: Fitted, index: int) -> list[Window]:
     ends, found = window_edges(fitted, index), []
     noise = likelihood.noise_model.weights[index] / (1.0 if run.quantity == "theta" else cradle.length)
     omega = 2.0 * np.pi / cradle.period
-    steps = _APART * noise * np.array([1.0] * cradle.bobs + [omega] * cradle.bobs)
+    steps = _DIFFERENCE * noise * np.array([1.0] * cradle.bobs + [omega] * cradle.bobs)
     # What it takes to turn changes of (θ, θ̇) into energy: that of one bob on a string of the nominal length.
     weight, inertia = cradle.mass * cradle.gravity * cradle.length, cradle.mass * cradle.length**2
     starts = likelihood.motion(values, index, ends[:-1])
     for i, (low, high) in enumerate(itertools.pairwise(ends)):
         inside = (at.run == index) & (at.time >= low) & ((at.time < high) | (high == ends[-1]))
         rows = np.flatnonzero(inside)
-        if len(rows) < 4 * len(steps):
+        if len(rows) < _READINGS_PER_UNKNOWN * len(steps):
             continue
         times, row = np.unique(at.time[rows], return_inverse=True)
         state = np.concatenate([starts.theta[i], starts.theta_dot[i]])

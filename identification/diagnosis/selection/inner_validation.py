@@ -6,10 +6,10 @@ from __future__ import annotations
 import dataclasses
 import math
 
+from identification.diagnosis.criteria import MISSPECIFIED_GAP
 from identification.diagnosis.selection.search import Searcher, fit_key, refine_to_mode
 from identification.experiment.experiment import Experiment
 from identification.experiment.train_test import training_rows
-from identification.inference import nonsmooth
 from identification.inference.fit_result import Fitted
 from identification.inference.impossible_model import ImpossibleModelError
 from identification.inference.start_points import placed
@@ -18,9 +18,8 @@ from identification.inference.start_points import placed
 _INNER = 2.0 / 3.0
 #: Gaps of inner predictions that differ by less than this share are as good as equal.
 EQUAL = 0.01
-#: The gap from which on a model leaves far more than noise; and how much larger the gap of a prediction than that of
-#: the fit may be where the two are still in step.
-MISSPECIFIED_GAP, _IN_STEP = math.sqrt(nonsmooth.FAR), 2.0
+#: How much larger the gap of a prediction than that of the fit may be where the two are still in step.
+_IN_STEP = 2.0
 
 
 def hold_out_last_third(experiment: Experiment) -> Experiment:
@@ -54,12 +53,6 @@ def validate_inner(fitted: Fitted, searcher: Searcher) -> tuple[Fitted, float]:
         return within, within.held_out_gap()
     except ImpossibleModelError:
         return within, math.inf
-
-
-def refuted(fitted: Fitted) -> bool:
-    """Whether a model that comes near the noise predicts what was held out worse than a right one does but once in a
-    hundred times."""
-    return fitted.training_gap() <= MISSPECIFIED_GAP and fitted.held_out_gap() > fitted.allowed_gap
 
 
 def _fitted_within(fitted: Fitted, searcher: Searcher) -> Fitted:

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
+import functools
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -19,23 +20,25 @@ import numpy as np
 from cradle_env.effects.added_mass import added_mass
 from cradle_env.effects.clock_scale import clock_scale
 from cradle_env.effects.length_mismatch import length_mismatch
+from identification.diagnosis.criteria import MISSPECIFIED_GAP, Criteria, fails_prediction, only_noise
 from identification.diagnosis.selection.candidates import Candidate, list_candidates
-from identification.diagnosis.selection.inner_validation import EQUAL, MISSPECIFIED_GAP, predictions, refuted
+from identification.diagnosis.selection.inner_validation import EQUAL, predictions
 from identification.diagnosis.selection.score_test import ScoreTest, family_p, gain_neg_log10_p
-from identification.diagnosis.selection.search import Searcher, only_noise
+from identification.diagnosis.selection.search import Searcher
 from identification.diagnosis.selection.start_values import standing_in
 from identification.inference.fit_result import Fitted
 from identification.inference.impossible_model import ImpossibleModelError
 from identification.inference.least_squares import SEVERAL
 from identification.progress import Progress
 
-#: Chance, over all candidates, at which one is accepted.
-SIGNIFICANCE_LEVEL = 0.01
-#: Candidates within so many units of log evidence of the best cannot be told apart from it.
-EQUIVALENT_LOG_ODDS = 3.0
-#: How many of the candidates with parameters are refitted, and from which surprise on; the share of the best one's
-#: gain in χ² that others must come near to be fitted to the end, and the χ² within which of the best they always are.
-_REFITS, _WORTH, _NEAR, _ALWAYS = 8, 1.0, 0.3, 100.0
+#: Candidates with parameters that are refitted at most.
+_REFITS = 8
+#: Score [−log10 p] from which a candidate is refitted.
+_WORTH = 1.0
+#: Share of the best candidate's gain in χ² from which others are fitted to the end.
+_NEAR = 0.3
+#: Distance in χ² from the best candidate within which others always are [χ² over its worth].
+_ALWAYS = 100.0
 #: What changes the period of all bobs alike, if it has the same value for each.
 _PERIOD = (clock_scale.name, added_mass.name, length_mismatch.name)
 
@@ -115,7 +118,7 @@ def of_the_period(fitted: Fitted, searcher: Searcher, tell: Progress) -> dict[Ca
     except ImpossibleModelError:  # from these draws nowhere
         return {}
     fits = {clock: first}
-    if fitted.chi2 - first.chi2 > 2.0 * EQUIVALENT_LOG_ODDS * fitted.unit:
+    if fitted.chi2 - first.chi2 > 2.0 * searcher.criteria.equivalent_log_odds * fitted.unit:
         for candidate in others:
             with contextlib.suppress(ImpossibleModelError):
                 fits[candidate] = searcher.fit_with_candidate_from_mode(
@@ -130,20 +133,21 @@ def hidden(
     """What a model that leaves no more than noise may have hidden by a wrong mode: decides between known fits with a
     candidate more, what looks the same, and none, which stands unless another is clearly more probable."""
     decision = _decision(fitted, _alike(fitted, known, scored, searcher, tell), scored, searcher)
-    if decision.chosen is not None and decision.chosen.log_evidence <= EQUIVALENT_LOG_ODDS:
+    if decision.chosen is not None and decision.chosen.log_evidence <= searcher.criteria.equivalent_log_odds:
         return dataclasses.replace(decision, chosen=None, probability=0.0)
     return decision
 
 
 def from_anywhere(
     fitted: Fitted, decision: Decision, scored: ScoreTest, searcher: Searcher, tell: Progress,
-    enough: Callable[[Fitted], bool] = only_noise,
+    enough: Callable[[Fitted], bool] | None = None,
 ) -> Decision:  # fmt: skip
     """A decision again, after searches from anywhere for the models with each of its candidates, the most probable
     first, until one is enough: from where the model without it has its mode, refits may not find the right one. Far
     above the noise the same decision, for there no one candidate is all that is missing."""
     if fitted.training_gap() > MISSPECIFIED_GAP:
         return decision
+    enough = enough or functools.partial(only_noise, criteria=searcher.criteria)
     fits = {refit.candidate: searcher.best(refit.fitted) for refit in decision.refits}
     for i, candidate in enumerate(fits):
         if any(map(enough, fits.values())):
@@ -169,13 +173,16 @@ def that_stands(
     """A decision again, after searches from anywhere, between those candidates alone with which a model leaves only
     noise and predicts what was held out."""
     found = from_anywhere(fitted, decision, scored, searcher, tell, lambda _: False)
-    refits = [refit for refit in _significant(found.refits) if _stands(refit.fitted)]
+    refits = [
+        refit for refit in _significant(found.refits, searcher.criteria)
+        if _stands(refit.fitted, searcher.criteria)
+    ]  # fmt: skip
     chosen = refits[0] if refits else None
     return dataclasses.replace(found, chosen=chosen, probability=_probability(chosen, refits))
 
 
-def _stands(fitted: Fitted) -> bool:
-    return only_noise(fitted) and not refuted(fitted)
+def _stands(fitted: Fitted, criteria: Criteria) -> bool:
+    return only_noise(fitted, criteria) and not fails_prediction(fitted)
 
 
 def _decision(
@@ -191,23 +198,22 @@ def _decision(
         except ImpossibleModelError:  # it ends where nothing was fitted: not a model of this experiment
             continue
     refits.sort(key=lambda refit: -refit.log_evidence)
-    significant = _significant(refits)
+    significant = _significant(refits, searcher.criteria)
     chosen = next((refit for refit in significant if _predicts(fitted, refit, searcher)), None)
     if chosen is not None and fitted.training_gap() > MISSPECIFIED_GAP:
         chosen = _simplest(fitted, chosen, significant, searcher)
     return Decision(tuple(refits), chosen, _probability(chosen, refits), inflation, effective)
 
 
-def _significant(refits: Sequence[Refit]) -> list[Refit]:
-    return [refit for refit in refits if refit.p < SIGNIFICANCE_LEVEL and refit.log_evidence > 0.0]
+def _significant(refits: Sequence[Refit], criteria: Criteria) -> list[Refit]:
+    return [refit for refit in refits if refit.p < criteria.significance_level and refit.log_evidence > 0.0]
 
 
 def _simplest(fitted: Fitted, best: Refit, refits: Sequence[Refit], searcher: Searcher) -> Refit:
     """Of what is about as probable as the best, that with the fewest unknowns: far above the noise evidence hangs on
     how near to its mode each model was fitted, too."""
-    near = (
-        r for r in refits if r.unknowns < best.unknowns and best.log_evidence - r.log_evidence < EQUIVALENT_LOG_ODDS
-    )
+    close = searcher.criteria.equivalent_log_odds
+    near = (r for r in refits if r.unknowns < best.unknowns and best.log_evidence - r.log_evidence < close)
     ordered = sorted(near, key=lambda refit: refit.unknowns)
     return next((refit for refit in ordered if _predicts(fitted, refit, searcher)), best)
 

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from cradle_env.cradle import Cradle
+from identification.diagnosis.criteria import MISSPECIFIED_GAP
 from identification.diagnosis.selection.candidates import without_effect
-from identification.diagnosis.selection.inner_validation import MISSPECIFIED_GAP
 from identification.diagnosis.selection.model_comparison import log_evidence
 from identification.diagnosis.selection.search import Searcher
 from identification.inference.fit_result import Fitted

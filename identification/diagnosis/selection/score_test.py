@@ -30,9 +30,12 @@ from identification.inference.impossible_model import ImpossibleModelError
 from identification.inference.likelihood import Likelihood
 from identification.inference.start_points import flat, placed
 
-#: First strength of the finite differences, in scales; then one that moves readings by this share of the noise;
-#: and how often it is sought.
-_STEP, _MOVED, _TRIES = 1e-2, 0.3, 8
+#: First strength of the finite differences [scales of the parameter].
+_STEP = 1e-2
+#: RMS change of the residuals by which the strength is then chosen [noise].
+_MOVED = 0.3
+#: Tries to find that strength.
+_TRIES = 8
 #: What keeps less than this share of a sensitivity after projection cannot be seen at all.
 MIN_VISIBLE_SHARE = 1e-4
 #: Candidates whose sensitivities after projection are this parallel cannot be told apart to first order.

@@ -14,6 +14,7 @@ import numpy as np
 
 from cradle_env.effects import effect, known_effects
 from cradle_env.threads import in_threads
+from identification.diagnosis.criteria import DEFAULT_CRITERIA, Criteria
 from identification.diagnosis.selection.candidates import Candidate, Values, starts, with_effects
 from identification.experiment.experiment import Experiment
 from identification.experiment.train_test import training_rows
@@ -31,11 +32,18 @@ from identification.storage.schema import read_json
 
 #: Strengths at which a search starts, in scales of the parameter: from as good as none, which is no worse than without.
 _FACTORS = (0.01, 0.1, 1.0, 3.0)
-#: How many starts are followed, by how many evaluations; how many of them to the end, by how many at most; and rounds
-#: over a rough misfit before a model is given up.
-_FOLLOWED, _FIRST, _KEPT, _LAST, _FEW = 3, 6, 2, 40, 2
-#: Searches from anywhere at most until two agree on a mode, and standard deviations of χ² that noise alone may leave.
-_ATTEMPTS, _NOISE = 4, 1.0
+#: Starts that are followed.
+_FOLLOWED = 3
+#: Evaluations by which each is followed.
+_FIRST = 6
+#: Starts that are followed to the end.
+_KEPT = 2
+#: Evaluations at most to the end.
+_LAST = 40
+#: Rounds of the nonsmooth descent before a model is given up.
+_FEW = 2
+#: Searches from anywhere at most until two agree on a mode.
+_ATTEMPTS = 4
 #: How the result of long work, a vector, is kept: the key of the work, and the work.
 PointCache = Callable[[str, Callable[[], np.ndarray]], np.ndarray]
 
@@ -84,8 +92,8 @@ class FitCache:
 class Searcher:
     """Fits to the training part, or to all that may be fitted; each is done once, and of a model the best is kept."""
 
-    def __init__(self, store: FitCache, seed: int, workers: int | None):
-        self.store, self.seed, self.workers = store, seed, workers
+    def __init__(self, store: FitCache, seed: int, workers: int | None, criteria: Criteria = DEFAULT_CRITERIA):
+        self.store, self.seed, self.workers, self.criteria = store, seed, workers, criteria
         self._best: dict[str, Fitted] = {}
 
     def fit_global(self, experiment: Experiment, tell: Progress | None = None) -> Fitted:
@@ -209,11 +217,6 @@ class Searcher:
         if known is None or fitted.chi2 < known.chi2:
             self._best[key] = fitted
         return self._best[key]
-
-
-def only_noise(fitted: Fitted) -> bool:
-    """Whether a fit leaves no more χ² than noise alone may."""
-    return fitted.chi2 < fitted.count + _NOISE * math.sqrt(2.0 * fitted.count)
 
 
 def best_of(

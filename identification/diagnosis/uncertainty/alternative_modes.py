@@ -24,10 +24,17 @@ from identification.inference.laplace import mode_at
 from identification.inference.least_squares import SEVERAL, bounds, jacobian
 from identification.inference.nonsmooth import broad_jacobian
 
-#: Ratio of a shape's values from the mode to the first rung, and its power from rung to rung; evaluations of the refit
-#: at each, and of another before a wall; and the rise of χ² over the inflation that is one, where a valley has ended.
-_RATIO, _GROWTH, _EVALUATIONS, _WALL = 1.5, 1.4, (8, 20), 100.0
-#: The rise that stands for an infinite one.
+#: Ratio of a parameter's values from the mode to the first rung of the ladder.
+_RATIO = 1.5
+#: Factor by which the logarithm of that ratio grows from rung to rung.
+_GROWTH = 1.4
+#: Evaluations of the refit at each rung.
+_EVALUATIONS = 8
+#: Evaluations of a second refit from the last rung, before a ladder ends at a wall.
+_WALL_EVALUATIONS = 20
+#: Rise of χ² over the inflation at which a ladder ends: no mode beyond it is as good by chance.
+_WALL = 100.0
+#: The rise that stands for an infinite one, where the cradle cannot be simulated.
 _IMPOSSIBLE = 1e12
 
 
@@ -94,9 +101,9 @@ def _refit_ladder(fitted: Fitted, i: int) -> np.ndarray:
             there = min(max(float(at[i]) + side * stride, low), high)
             # From where the last two point to; before a wall ends the ladder, from the last, too.
             begin = at + abs(there - at[i]) * ahead
-            further, chi2 = refit_others(fitted.likelihood, i, there, begin, _EVALUATIONS[0])
+            further, chi2 = refit_others(fitted.likelihood, i, there, begin, _EVALUATIONS)
             if chi2 > wall:
-                again = refit_others(fitted.likelihood, i, there, at, _EVALUATIONS[1])
+                again = refit_others(fitted.likelihood, i, there, at, _WALL_EVALUATIONS)
                 further, chi2 = min((further, chi2), again, key=lambda pair: pair[1])
             ahead, at, last = (further - at) / abs(there - at[i]), further, chi2
             rungs.append(np.append(at, last))

@@ -35,14 +35,19 @@ from identification.inference.likelihood import Likelihood
 from identification.inference.linear_algebra import on_one_thread
 from identification.inference.nonsmooth import lengths_of, polish
 
-#: Probability that the true strength is below its limit; rounds in which that is found.
-_SURE, _ROUNDS = 0.95, 4
-#: χ² over the inflation by which readings at a limit may differ from what they are to first order, or jump about it.
-_BENT = 0.5
-#: Profiles: standard deviations up to which they are followed, strengths at which their probability is summed.
-_END, _GRID = 3.0, 2001
-#: Rounds over a rough misfit of each refit: from strength to strength the next goes on where the last one came to.
-_ROUGH_ROUNDS = 1
+#: Probability that the true strength is below its limit.
+_CONFIDENCE = 0.95
+#: Secant rounds in which the limit of a strength with a nonlinear effect converges.
+_SECANT_ROUNDS = 4
+#: χ² over the inflation by which readings at the limit may depart from first order, or jump, and need no refits: less
+#: than one standard deviation.
+_MAX_NONLINEAR_CHI2 = 0.5
+#: Standard deviations at which a profile ends: beyond them its probability is 0.1 %.
+_PROFILE_END_SD = 3.0
+#: Strengths at which the probability of a profile is summed.
+_PROFILE_POINTS = 2001
+#: Rounds of the nonsmooth descent in each refit. One is enough: the next strength continues where the last one ended.
+_DESCENT_ROUNDS = 1
 
 
 @dataclass(frozen=True)
@@ -157,7 +162,7 @@ def _strength_limit(
     residuals there by each scale, (R + P,), to first order; None where the data do not see the effect, or not within
     its bounds."""
     S, limit, inflation = sensitivity.S[:, 0], math.nan, fitted.coloured[0]
-    for _ in range(_ROUNDS):  # what grows as a square, such as a blur, is followed by secants to where it ends
+    for _ in range(_SECANT_ROUNDS):  # what grows as a square, such as a blur, is followed by secants to where it ends
         left = fitted.project(S)
         size = float(left @ left)
         if size <= MIN_VISIBLE_SHARE**2 * float(S @ S) or inflation > size * max(abs(low), high) ** 2:
@@ -190,17 +195,17 @@ def _nonsmooth_rounds(fitted: Fitted, one: _LinearLimit, limit: float) -> int | 
     """Rounds over a rough misfit of each refit that follows an effect to its limit: some where readings jump there, of
     three bobs and more alone. None where none is needed, for the readings there, the unknowns moved to where they make
     up for it to first order, are what they are to first order."""
-    several, most = fitted.cradle.bobs >= SEVERAL, _BENT * fitted.coloured[0]
+    several, most = fitted.cradle.bobs >= SEVERAL, _MAX_NONLINEAR_CHI2 * fitted.coloured[0]
     try:
         held = _likelihood_at(fitted, one, limit)
         point = np.clip(fitted.point + limit * one.slope, *bounds(held))
         off = held.residuals(point) - (fitted.residuals + limit * fitted.project(one.S))
     except ImpossibleModelError:  # the cradle cannot swing where first order leads
-        return _ROUGH_ROUNDS if several else 0
+        return _DESCENT_ROUNDS if several else 0
     if float(off @ off) <= most:
         return None
     jump = several and impact_order_noise.size(held, point, fitted.jacobian, fitted.smooth) > most
-    return _ROUGH_ROUNDS if jump else 0
+    return _DESCENT_ROUNDS if jump else 0
 
 
 def _follow_profile(fitted: Fitted, one: _LinearLimit, rounds: int) -> np.ndarray:
@@ -222,18 +227,18 @@ def _follow_profile(fitted: Fitted, one: _LinearLimit, rounds: int) -> np.ndarra
         return point, math.sqrt((chi2 - min(chi2 for chi2, _ in visited.values())) / inflation)
 
     for bound in (bound for bound in (one.low, one.high) if bound != 0.0):
-        if fitted.chi2 - min(chi2 for chi2, _ in visited.values()) > _END**2 * inflation:
+        if fitted.chi2 - min(chi2 for chi2, _ in visited.values()) > _PROFILE_END_SD**2 * inflation:
             continue  # beyond the end already: the other side holds better
         step = math.copysign(sd, bound)
         u, point = find_profile_end(
             lambda u, start, step=step: refit(u * step, start),
-            fitted.point, step * one.slope, abs(bound) / sd, _END,
+            fitted.point, step * one.slope, abs(bound) / sd, _PROFILE_END_SD,
         )  # fmt: skip
         if u >= abs(bound) / sd and refit(bound, point)[1] < 1.0:
             return np.array([])
     several = sorted(visited)
     chi2 = PchipInterpolator(several, [visited[s][0] for s in several])
-    grid = np.linspace(several[0], several[-1], _GRID)
+    grid = np.linspace(several[0], several[-1], _PROFILE_POINTS)
     density = np.exp(-0.5 * (chi2(grid) - chi2(grid).min()) / inflation)
     limit = float(max(np.interp(_tail_probabilities(one.low), np.cumsum(density) / density.sum(), grid), key=abs))
     points = np.array([visited[s][1] for s in several])
@@ -243,4 +248,4 @@ def _follow_profile(fitted: Fitted, one: _LinearLimit, rounds: int) -> np.ndarra
 
 def _tail_probabilities(low: float) -> tuple[float, ...]:
     """The probabilities between which the true strength is, or below which; low: its lower bound."""
-    return (_SURE,) if low == 0.0 else (0.5 * (1.0 - _SURE), 0.5 * (1.0 + _SURE))
+    return (_CONFIDENCE,) if low == 0.0 else (0.5 * (1.0 - _CONFIDENCE), 0.5 * (1.0 + _CONFIDENCE))

@@ -17,9 +17,10 @@ from identification.inference.fit_result import Fitted
 from identification.inference.least_squares import SEVERAL, bounds
 from identification.inference.linear_algebra import on_one_thread
 
-#: Probabilities below the median and the ends of an interval; and the normal quantile of these.
-_SHARES = 0.5, 0.025, 0.975
-_END = float(norm.ppf(_SHARES[2]))
+#: Probabilities below the median and below the two ends of an interval.
+_QUANTILES = 0.5, 0.025, 0.975
+#: Standard deviations from the mode to the end of an interval of a normal distribution.
+_END_SD = float(norm.ppf(_QUANTILES[2]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,7 +39,7 @@ def compute_intervals(fitted: Fitted, cache: PointCache = compute_uncached) -> d
     unknowns that make up for each other the most probable values may lie on a bent ridge. Where an effect may have
     other shapes, they hold what is as probable by each of these, too. keep: of ends of profiles, and of such shapes."""
     deviations = np.sqrt(np.maximum(np.diag(fitted.covariance), 1e-300))
-    others, widths = find_alternative_modes(fitted, 2.0 * _SHARES[1], cache)
+    others, widths = find_alternative_modes(fitted, 2.0 * _QUANTILES[1], cache)
     smooth, shapes = fitted.cradle.bobs < SEVERAL and not fitted.learned, shape_unknowns(fitted)
     followed = [i for i, u in enumerate(fitted.likelihood.unknowns) if smooth and not u.nuisance and i not in shapes]
     steps = [(i, sign * deviations[i]) for i in followed for sign in (-1.0, 1.0)]
@@ -53,7 +54,7 @@ def compute_intervals(fitted: Fitted, cache: PointCache = compute_uncached) -> d
     for i, (u, z, sd) in enumerate(zip(fitted.likelihood.unknowns, fitted.point, deviations, strict=True)):
         lowest, highest = (math.log(u.low), math.log(u.high)) if u.log else (u.low, u.high)
         low, high = ((bound - z) / sd if math.isfinite(bound) else bound for bound in (lowest, highest))
-        median, *ends = truncnorm.ppf(_SHARES, min(low, -1e-12), max(high, 1e-12), z, sd)
+        median, *ends = truncnorm.ppf(_QUANTILES, min(low, -1e-12), max(high, 1e-12), z, sd)
         if i in by_profile:
             ends = by_profile[i]
             median = min(max(median, ends[0]), ends[1])
@@ -81,7 +82,7 @@ def _interval_end(fitted: Fitted, i: int, step: float) -> float:
 
     ahead = fitted.covariance[i] / fitted.covariance[i, i] * step
     furthest = (limit - fitted.point[i]) / step
-    u, _ = find_profile_end(refit, fitted.point, ahead, furthest, _END)
+    u, _ = find_profile_end(refit, fitted.point, ahead, furthest, _END_SD)
     if u > (1.0 - 1e-9) * furthest:  # but for rounding
         return limit
     return float(np.clip(fitted.point[i] + u * step, within[0][i], within[1][i]))

@@ -6,11 +6,14 @@ from collections.abc import Callable
 
 import numpy as np
 
-#: Evaluations of each refit: from where the last two point to, few are enough.
+#: Evaluations of each refit. Few are enough, for it starts where the last two refits extrapolate to.
 REFIT_EVALUATIONS = 20
-#: How near to it, relatively, a profile must come for its end to be read off, or two strengths with the end between
-#: them to each other; how much shorter a stride that went too far becomes; refits at most on the way to an end.
-_NEAR, _SHORTER, _MARCH = 0.15, (0.1, 0.7), 24
+#: Relative distance within which a profile's end is interpolated: of the misfit to its end, or of the last two strides.
+_TOLERANCE = 0.15
+#: Bounds of the factor by which a stride that went too far is shortened.
+_SHORTEN = (0.1, 0.7)
+#: Refits at most on the way to an end.
+_MAX_REFITS = 24
 
 
 def find_profile_end(
@@ -28,18 +31,18 @@ def find_profile_end(
     the last two point to.
     """
     at, risen, stride, growth = 0.0, 0.0, end, 2.0
-    for _ in range(_MARCH):
+    for _ in range(_MAX_REFITS):
         last = stride >= furthest - at
         there = furthest if last else at + stride
         stride = there - at
         found, reached = refit(there, point + stride * ahead)
-        near = abs(reached - end) < _NEAR * end or (reached > end and stride < _NEAR * there)
+        near = abs(reached - end) < _TOLERANCE * end or (reached > end and stride < _TOLERANCE * there)
         if near and reached > risen:
             share = (end - risen) / (reached - risen)
             share = min(share, (furthest - at) / stride)
             return at + share * stride, point + share * (found - point)
         if reached > end:  # too far
-            stride *= float(np.clip((end - risen) / (reached - risen), *_SHORTER))
+            stride *= float(np.clip((end - risen) / (reached - risen), *_SHORTEN))
             growth = 1.0
         elif last:
             return furthest, found

@@ -7,9 +7,10 @@ import pytest
 
 from cradle_env import Cradle
 from identification.diagnosis import repair, stepwise
+from identification.diagnosis.criteria import DEFAULT_CRITERIA
 from identification.diagnosis.selection import model_comparison, search
 from identification.diagnosis.selection.candidates import Candidate
-from identification.diagnosis.selection.model_comparison import EQUIVALENT_LOG_ODDS, Decision, hidden, of_the_period
+from identification.diagnosis.selection.model_comparison import Decision, hidden, of_the_period
 from identification.diagnosis.selection.search import FitCache, Searcher
 from identification.diagnosis.stepwise import Course, Step
 from identification.experiment.experiment import Experiment
@@ -17,6 +18,8 @@ from identification.inference.fit_result import with_known_noise
 from studies.diagnosis.study import Apparatus, cases
 
 CLOCK = Candidate("clock_scale", ("clock_scale",), ("clock_scale.scale",))
+EVIDENT = DEFAULT_CRITERIA.equivalent_log_odds
+ANY_SEARCHER = SimpleNamespace(criteria=DEFAULT_CRITERIA)
 QUIET = lambda *_: None  # noqa: E731
 
 
@@ -80,14 +83,14 @@ def test_where_kappa_has_no_such_modes_none_is_looked_for(bobs, effects, names, 
     assert of_the_period(fitted, searcher, QUIET) == {}  # type: ignore[arg-type]
 
 
-@pytest.mark.parametrize(("evidence", "taken"), [(0.9 * EQUIVALENT_LOG_ODDS, False), (1.1 * EQUIVALENT_LOG_ODDS, True)])
+@pytest.mark.parametrize(("evidence", "taken"), [(0.9 * EVIDENT, False), (1.1 * EVIDENT, True)])
 def test_noise_alone_is_doubted_only_with_good_reason(monkeypatch, evidence, taken):
     """Of 15 experiments of three and five bobs in which nothing is hidden, a clock from anywhere gained 0 to 4.5 in χ²;
     a log evidence of 3 asks for about 15."""
     chosen = SimpleNamespace(log_evidence=evidence)
     monkeypatch.setattr(model_comparison, "_alike", lambda _, fits, *__: fits)
     monkeypatch.setattr(model_comparison, "_decision", lambda *_: Decision((), chosen, 0.9, 1.0, 100.0))  # type: ignore[arg-type]
-    assert (hidden(None, {}, None, None, QUIET).chosen is chosen) == taken  # type: ignore[arg-type]
+    assert (hidden(None, {}, None, ANY_SEARCHER, QUIET).chosen is chosen) == taken  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("significant", [False, True])

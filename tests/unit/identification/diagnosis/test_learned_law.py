@@ -14,6 +14,7 @@ from cradle_env import Cradle, Release, effects, simulate
 from cradle_env.effects import LEARNED
 from cradle_env.model_files import read_model
 from identification import Experiment, diagnose
+from identification.diagnosis.criteria import DEFAULT_CRITERIA, only_noise
 from identification.diagnosis.figures import law_figure
 from identification.diagnosis.learned_law import law as law_module
 from identification.diagnosis.learned_law.law import (
@@ -38,8 +39,7 @@ from identification.diagnosis.report import save
 from identification.diagnosis.residuals.multiple_shooting import can_be_segmented, fit_multiple_shooting
 from identification.diagnosis.selection.candidates import list_candidates
 from identification.diagnosis.selection.inner_validation import hold_out_last_third, predictions
-from identification.diagnosis.selection.model_comparison import EQUIVALENT_LOG_ODDS
-from identification.diagnosis.selection.search import FitCache, Searcher, only_noise
+from identification.diagnosis.selection.search import FitCache, Searcher
 from identification.diagnosis.stepwise import Course
 from identification.diagnosis.uncertainty.intervals import compute_intervals
 from identification.experiment.run import Prior
@@ -236,7 +236,7 @@ def test_a_law_outdoes_an_effect_that_bends_towards_the_truth_and_not_the_true_o
         base, searcher = fitted(tmp_path / str(given_up), hidden)
         named, law = added(base, searcher, "quadratic_drag"), learn_law(base, searcher, QUIET)
         assert law is not None
-        assert (evidence_over_effects(law, named) > EQUIVALENT_LOG_ODDS) is given_up
+        assert (evidence_over_effects(law, named) > DEFAULT_CRITERIA.equivalent_log_odds) is given_up
         beside = learn_law(base, searcher, QUIET, rival=named)
         assert beside is not None
         assert beside.terms == law.terms
@@ -244,12 +244,12 @@ def test_a_law_outdoes_an_effect_that_bends_towards_the_truth_and_not_the_true_o
 
 def test_a_law_that_begins_far_worse_than_its_rival_is_not_completed(rubbed, law, monkeypatch):
     """A gap half as large as that of the law itself would be less than the noise."""
-    monkeypatch.setattr(law_module, "_FAR_WORSE", 0.5)
+    monkeypatch.setattr(law_module, "_MAX_GAP_OVER_RIVAL", 0.5)
     assert learn_law(*rubbed, QUIET, rival=law.fitted) is None
 
 
 def test_a_law_that_leaves_noise_gets_no_further_terms(rubbed, law, monkeypatch):
-    assert only_noise(law.fitted)
+    assert only_noise(law.fitted, DEFAULT_CRITERIA)
     looked, views = [], law_module._linearize_free_run
     monkeypatch.setattr(law_module, "_linearize_free_run", lambda one: looked.append(one.terms) or views(one))
     learn_law(*rubbed, QUIET)
@@ -541,7 +541,9 @@ def test_names_that_a_law_overtakes_get_no_further_ones(monkeypatch, models, gap
     monkeypatch.setattr("identification.diagnosis.repair.evidence_over_effects", lambda *_: over)
     examined = SimpleNamespace(fitted=SimpleNamespace(training_gap=lambda: gap), significant=True)
     law_beside = lambda *_: None if over is None else "law"  # noqa: E731
-    course = SimpleNamespace(examined=[examined] * models, law_beside=law_beside)
+    course = SimpleNamespace(
+        examined=[examined] * models, law_beside=law_beside, searcher=SimpleNamespace(criteria=DEFAULT_CRITERIA)
+    )
     assert _overtaken(course) == overtaken  # type: ignore[arg-type]
 
 

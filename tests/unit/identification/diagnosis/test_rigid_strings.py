@@ -6,8 +6,8 @@ import pytest
 
 from cradle_env import Cradle
 from identification import Experiment
+from identification.diagnosis.criteria import MISSPECIFIED_GAP
 from identification.diagnosis.result import Diagnosis
-from identification.diagnosis.selection.inner_validation import MISSPECIFIED_GAP
 from identification.diagnosis.selection.rigid_strings import choose_base_model, describe_removed_effects
 from identification.diagnosis.selection.search import FitCache, Searcher
 from identification.inference.fit_result import with_known_noise

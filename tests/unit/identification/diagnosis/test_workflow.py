@@ -18,6 +18,7 @@ from cradle_env.model_files import read_model
 from identification import Experiment, diagnose
 from identification.cli.app import main
 from identification.diagnosis import repair, stepwise, workflow
+from identification.diagnosis.criteria import DEFAULT_CRITERIA, fails_prediction
 from identification.diagnosis.learned_law.law import can_outdo
 from identification.diagnosis.report import render_report, save, verdict_sentence
 from identification.diagnosis.residuals.residual_tests import chi2_log_tail, scan_residuals
@@ -32,7 +33,6 @@ from identification.diagnosis.selection.candidates import (
     starts,
     with_effects,
 )
-from identification.diagnosis.selection.inner_validation import refuted
 from identification.diagnosis.selection.model_comparison import Decision, decide, judged, refitted, worth_refitting
 from identification.diagnosis.selection.score_test import family_p, score
 from identification.diagnosis.selection.search import FitCache, Searcher, refine_to_mode
@@ -49,6 +49,7 @@ from tests.reference.laboratory import correlated_noise, record, write_experimen
 from tests.reference.soft_contact import SoftCradle
 
 TRUTH = {"k_f": 18000.0, "kappa": 190.0, "b": 0.002}
+ANY_SEARCHER = SimpleNamespace(criteria=DEFAULT_CRITERIA)
 STATED = {"k_f": 17000.0, "kappa": 187.0, "b": 0.0023}
 
 
@@ -112,9 +113,9 @@ def test_a_right_model_leaves_what_is_allowed_and_a_wrong_one_more(diagnosed):
 
 
 def test_what_was_held_out_refutes_a_wrong_model_near_the_noise(diagnosed):
-    assert refuted(diagnosed.base) and not refuted(diagnosed.last)
+    assert fails_prediction(diagnosed.base) and not fails_prediction(diagnosed.last)
     far = SimpleNamespace(training_gap=lambda: 10.0, held_out_gap=lambda: 9.0, allowed_gap=1.1)
-    assert not refuted(far)  # type: ignore[arg-type]
+    assert not fails_prediction(far)  # type: ignore[arg-type]
 
 
 @pytest.mark.slow
@@ -152,7 +153,7 @@ def test_far_above_the_noise_the_simplest_of_the_most_probable_is_chosen(gap, ta
     monkeypatch.setattr(decide_module, "_predicts", lambda _fitted, refit, _searcher: refit.candidate != "b")
     base = SimpleNamespace(training_gap=lambda: gap)
     scored = SimpleNamespace(replicate_maxima=None)
-    decision = decide_module._decision(base, fits, scored, None)  # type: ignore[arg-type]
+    decision = decide_module._decision(base, fits, scored, ANY_SEARCHER)  # type: ignore[arg-type]
     assert decision.chosen.candidate == taken  # type: ignore[union-attr]
 
 
@@ -165,7 +166,7 @@ def test_what_leaves_more_than_noise_by_its_places_is_not_enough_by_its_chi2(mon
     asked = []
     monkeypatch.setattr(stepwise, "from_anywhere", lambda *all_: asked.append(all_[-1]) or SimpleNamespace(chosen=None))
     examined = [SimpleNamespace(fitted=fit(chi2), score_test=None, significant=True) for chi2 in (4000.0, 3510.0)]
-    so_far = Course(None, 0, (False,), lambda *_: None, examined, [SimpleNamespace(chosen=None)])  # type: ignore[arg-type]
+    so_far = Course(ANY_SEARCHER, 0, (False,), lambda *_: None, examined, [SimpleNamespace(chosen=None)])  # type: ignore[arg-type]
     so_far._another()
     assert [asked[0](fit(chi2)) for chi2 in (3511.0, 3509.5, 3450.0, 3700.0)] == [False, False, True, False]
 
@@ -177,14 +178,14 @@ def test_only_what_leaves_noise_and_predicts_stands(monkeypatch):
         for name, stands, p, evidence in (("a", False, 0.0, 90.0), ("b", True, 0.5, 70.0), ("c", True, 0.0, 50.0),
                                           ("d", True, 0.0, 49.0), ("e", True, 0.0, -1.0))
     ]  # fmt: skip
-    monkeypatch.setattr(decide_module, "_stands", lambda fitted: fitted)
+    monkeypatch.setattr(decide_module, "_stands", lambda fitted, _: fitted)
     again = Decision(tuple(refits), refits[0], 1.0, 1.0, 1.0)  # type: ignore[arg-type]
     monkeypatch.setattr(decide_module, "from_anywhere", lambda *_: again)
-    found = decide_module.that_stands(None, again, None, None, lambda *_: None)  # type: ignore[arg-type]
+    found = decide_module.that_stands(None, again, None, ANY_SEARCHER, lambda *_: None)  # type: ignore[arg-type]
     assert found.chosen is refits[2] and found.refits == again.refits
     assert found.probability == pytest.approx(1.0 / (1.0 + np.exp(-1.0)))
     again = Decision(tuple(refits[:2]), refits[0], 1.0, 1.0, 1.0)  # type: ignore[arg-type]
-    assert decide_module.that_stands(None, again, None, None, lambda *_: None).chosen is None  # type: ignore[arg-type]
+    assert decide_module.that_stands(None, again, None, ANY_SEARCHER, lambda *_: None).chosen is None  # type: ignore[arg-type]
 
 
 @pytest.mark.slow
@@ -463,10 +464,10 @@ def test_a_law_is_not_learned_against_names_that_it_cannot_outdo(dragged):
     base = searcher.fit_from_values(with_known_noise(Experiment.load(dragged)), {})
     one = searcher.fit_with_candidate(base, next(c for c in list_candidates(base.cradle) if c.name == "quadratic_drag"))
     # A term costs as much as the one unknown that it would save; two bobs' own values cost more.
-    assert not can_outdo(base, one)
+    assert not can_outdo(base, one, DEFAULT_CRITERIA)
     several = dataclasses.replace(one, point=np.zeros(len(base.point) + 5))
     several.__dict__["residuals"] = one.residuals
-    assert can_outdo(base, several)
+    assert can_outdo(base, several, DEFAULT_CRITERIA)
 
 
 def test_replicates_look_like_what_a_right_model_leaves(plain):
@@ -570,13 +571,13 @@ def test_the_model_without_is_looked_for_from_where_rivals_lead(monkeypatch):
         [],
     )
     searcher = SimpleNamespace(
-        fit_from_values=lambda *_: base, fit_with_candidate=lambda *_: None,
+        criteria=DEFAULT_CRITERIA, fit_from_values=lambda *_: base, fit_with_candidate=lambda *_: None,
         fit_with_candidate_from_mode=lambda *_: rival, fit_from_mode=lambda *fits: looked.append(fits),
     )  # fmt: skip
     monkeypatch.setattr(repair, "without_effect", lambda *_: None)
     several = [Candidate(name, (name,), (), shared) for name, shared in (("string_creep", False), ("lengths", True))]
     several.append(dataclasses.replace(several[-1], shared=False))  # less probable
-    monkeypatch.setattr(repair, "_rivals", lambda _: several)
+    monkeypatch.setattr(repair, "_rivals", lambda *_: several)
     own = Candidate("quadratic_drag", ("quadratic_drag",), ())
     monkeypatch.setattr(repair, "candidate_of_effect", lambda *_: own)
     monkeypatch.setattr(repair, "judged", lambda *_: SimpleNamespace(log_evidence=1e9))
@@ -594,8 +595,11 @@ def test_a_model_that_cannot_swing_has_no_rivals(dragged, monkeypatch):
     experiment = Experiment.load(dragged)
     model = with_effects(experiment, {"quadratic_drag": {"c2": 1e-3}})
     fit = SimpleNamespace(experiment=model, values={}, coloured=(1.0, 100.0))
-    monkeypatch.setattr(repair, "_rivals", lambda _: list_candidates(experiment.cradle))
-    searcher, steps = SimpleNamespace(fit_from_values=stopped), [SimpleNamespace(effect="quadratic_drag")]
+    monkeypatch.setattr(repair, "_rivals", lambda *_: list_candidates(experiment.cradle))
+    searcher, steps = (
+        SimpleNamespace(criteria=DEFAULT_CRITERIA, fit_from_values=stopped),
+        [SimpleNamespace(effect="quadratic_drag")],
+    )
     assert repair._exchanges(SimpleNamespace(fitted=fit), steps, searcher, lambda *_: None) == ()  # type: ignore[arg-type]
 
 

@@ -1,0 +1,122 @@
+"""The numbers by which a diagnosis decides, and the decisions that several of its steps share."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, fields
+
+from cradle_env.errors import check_range
+from identification.inference import nonsmooth
+from identification.inference.fit_result import Fitted
+
+#: Training gap [noise] from which a model is misspecified: its residuals are systematic, so χ² and the evidence say
+#: little about which effect is missing, and predictions decide instead. The nonsmooth optimizer counts the same χ² per
+#: reading, the square of this, as far from a mode.
+MISSPECIFIED_GAP = math.sqrt(nonsmooth.FAR)
+
+
+@dataclass(frozen=True)
+class Criteria:
+    """The thresholds of a diagnosis that an expert may change.
+
+    Each default was chosen for few false names: a diagnosis rather says "nothing missing" or "equivalent" than names
+    an effect that is not there (docs/study.md counts both).
+
+    Attributes
+    ----------
+    significance_level : float
+        p-value below which a model leaves more than noise, and below which an added effect is significant. Both p are
+        those of the largest of many statistics, so this is the rate of false alarms per diagnosis.
+    equivalent_log_odds : float
+        Difference in log evidence below which data do not tell two models apart. 3 is odds of 20 to 1.
+    noise_excess_sd : float
+        Excess of χ² over the number of readings, in its standard deviations, up to which χ² alone says "only noise".
+    fault_excess_sd : float
+        The same excess from which instrument faults and runs of different cradles are looked for. It is larger, for a
+        fault is reported as an error.
+    fault_explained_share : float
+        Share of that excess which an instrument fault must explain to be reported. A missing effect leaves residuals
+        all over the run, of which one fault explains less.
+    run_difference_sd : float
+        Difference of an unknown between two runs, in its standard deviations, that different cradles must show.
+    min_length_difference, min_k_f_difference : float
+        Relative difference in length or k_f that different cradles must show besides. Smaller ones can come from a
+        missing effect.
+    min_readings_per_unknown : int
+        Readings per unknown that the training part must hold.
+    min_periods : float
+        Small-angle periods that each run must last.
+    min_readings_per_period : float
+        Readings that each small-angle period must hold.
+
+    Raises
+    ------
+    ValueError
+        If a number is outside its range.
+
+    Examples
+    --------
+    >>> from identification.diagnosis.criteria import Criteria
+    >>> Criteria(significance_level=0.001).changes()
+    ('significance_level = 0.001 instead of 0.01',)
+    """
+
+    significance_level: float = 0.01
+    equivalent_log_odds: float = 3.0
+    noise_excess_sd: float = 1.0
+    fault_excess_sd: float = 6.0
+    fault_explained_share: float = 0.9
+    run_difference_sd: float = 10.0
+    min_length_difference: float = 0.004
+    min_k_f_difference: float = 0.1
+    min_readings_per_unknown: int = 5
+    min_periods: float = 2.0
+    min_readings_per_period: float = 6.0
+
+    def __post_init__(self) -> None:
+        shares = ("significance_level", "fault_explained_share")
+        for field in fields(self):
+            high = 1.0 if field.name in shares else math.inf
+            check_range(field.name, getattr(self, field.name), "", 0.0, high, above=True)
+
+    def changes(self) -> tuple[str, ...]:
+        """What differs from the defaults, one line each."""
+        own = ((field.name, getattr(self, field.name), field.default) for field in fields(self))
+        return tuple(f"{name} = {value:g} instead of {default:g}" for name, value, default in own if value != default)
+
+
+#: The criteria of a diagnosis that is given none.
+DEFAULT_CRITERIA = Criteria()
+
+
+def chi2_excess_sd(fitted: Fitted) -> float:
+    """Excess of χ² over the number of readings R, in the standard deviation √(2R) that white noise gives it."""
+    return (fitted.chi2 - fitted.count) / math.sqrt(2.0 * fitted.count)
+
+
+def only_noise(fitted: Fitted, criteria: Criteria) -> bool:
+    """Whether χ² on the training part is no larger than noise alone makes it.
+
+    Searches use this quick test to stop. It differs on purpose from `ExaminedModel.significant`, which decides the
+    verdict: that one looks for structure in the residuals, which can be significant while χ² is not.
+    """
+    return chi2_excess_sd(fitted) < criteria.noise_excess_sd
+
+
+def may_hold_faults(fitted: Fitted, criteria: Criteria) -> bool:
+    """Whether χ² is so far above the number of readings that the data themselves are checked for faults."""
+    return chi2_excess_sd(fitted) >= criteria.fault_excess_sd
+
+
+def exceeds_allowed_gap(gap: float, allowed: float) -> bool:
+    """Whether a held-out gap is larger than a right model leaves in 99 of 100 experiments, see `predictive_check`."""
+    return gap > allowed
+
+
+def fails_prediction(fitted: Fitted) -> bool:
+    """Whether a model that fits the training part fails on what was held out.
+
+    A misspecified model never counts: near no mode of its own, it has no predictive distribution to compare with.
+    """
+    near = fitted.training_gap() <= MISSPECIFIED_GAP
+    return near and exceeds_allowed_gap(fitted.held_out_gap(), fitted.allowed_gap)
