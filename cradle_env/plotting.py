@@ -55,6 +55,27 @@ def small_figure(run: Trajectory) -> Figure:
     return figure
 
 
+@styled
+def sigma_picture(run: Trajectory | None, duration: float) -> np.ndarray:
+    """σ(t) of a run with exp(−λt), its δ and release angle above; empty axes over `duration` [s] without a run.
+
+    (600, 800, 3) uint8.
+    """
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(8.0, 6.0), dpi=100, layout="constrained")
+    canvas, axes = FigureCanvasAgg(figure), figure.subplots()
+    if run is None:
+        sigma_axes(axes, np.array([0.0, duration]), FLOOR)
+    else:
+        _show_sigma(axes, run)
+        angle = f"{run.release.angle:.3f} rad" if isinstance(run.release, Release) else ""
+        figure.suptitle(f"δ = {float(np.max(run.cradle.delta)):+.4f}, released at {angle}")
+    canvas.draw()
+    return np.array(canvas.buffer_rgba())[..., :3]
+
+
 def _show_motion(figure: SubFigure, run: Trajectory) -> None:
     """θ(t): a strip for each bob, or an image where there are many."""
     from matplotlib.ticker import MaxNLocator

@@ -13,12 +13,12 @@ import numpy as np
 from cradle_env.cost import check_cost
 from cradle_env.cradle import Cradle
 from cradle_env.envs.settings import Settings
-from cradle_env.envs.spaces import largest, of_camera
+from cradle_env.envs.spaces import largest, of_camera, scaling
 from cradle_env.errors import check_range
 from cradle_env.kernel_records import records
 from cradle_env.mechanics import control_interval, event_loop, restitution
 from cradle_env.mechanics import layout as p
-from cradle_env.simulation import EXHAUSTED, SimulationError, check_rest, impact_rows
+from cradle_env.simulation import EXHAUSTED, SimulationError, check_rest
 from cradle_env.synchronization import ENVELOPE_PERIODS, FLOOR, WINDOW
 
 #: How many arrays `Episodes.arrays` are.
@@ -42,8 +42,9 @@ def shown(report: Sequence[Any] | np.ndarray) -> dict[str, Any]:
     """What an info shows of a row of `report`, or of its columns; energies in J."""
     return {
         "time": report[0], "delta": report[1], "release_angle": report[2], "sigma": report[3],
-        "newton_exponent": report[4], "impacts": report[5], "fastest_impact": report[6], "kinetic": report[7],
-        "gravity": report[8], "strings": report[9], "drag": report[10], "collisions": report[11], "spacer": report[12],
+        "asynchrony": report[13], "relative_swing": report[14], "newton_exponent": report[4], "impacts": report[5],
+        "fastest_impact": report[6], "kinetic": report[7], "gravity": report[8], "strings": report[9],
+        "drag": report[10], "collisions": report[11], "spacer": report[12],
     }  # fmt: skip
 
 
@@ -62,7 +63,9 @@ class Episodes:
         self.observations = np.zeros((count, 4 * n + 3))
         #: Errors of the last readings of θ [rad]; empty where the state is seen as it is.
         self.camera_errors = np.zeros((count, n if settings.camera_noise is not None else 0))
-        #: What the next step takes, in [-1, 1]; no part of the state.
+        #: What observations are shown as differences from, and in units of; None where they are shown as they are.
+        self._scaling = scaling(settings) if settings.normalize_observations else None
+        #: What the next step takes, clipped to [-1, 1]; no part of the state.
         self.actions = np.zeros((count, len(settings.actions)))
         self._steppers: list[Stepper] = []
         #: The cradle of each episode.
@@ -112,12 +115,14 @@ class Episodes:
 
     def seen(self) -> np.ndarray:
         """What the environments show: the true state (count, 4 N + 3), or what their cameras read (count, N + 2)."""
-        n = self.camera_errors.shape[1]
-        if n == 0:
-            return self.observations
-        readings = of_camera(self.observations)
-        readings[:, :n] = np.clip(readings[:, :n] + self.camera_errors, -math.pi, math.pi)
-        return readings
+        n, seen = self.camera_errors.shape[1], self.observations
+        if n > 0:
+            seen = of_camera(self.observations)
+            seen[:, :n] = np.clip(seen[:, :n] + self.camera_errors, -math.pi, math.pi)
+        if self._scaling is not None:
+            middle, unit = self._scaling
+            seen = (seen - middle) / unit
+        return seen
 
     def info(self, k: int) -> dict[str, float]:
         """The info of episode k."""
@@ -189,9 +194,9 @@ class Stepper:
     def __getstate__(self) -> dict[str, Any]:
         return {name: value for name, value in self.__dict__.items() if name != "step"}
 
-    def rows(self, count: int) -> np.ndarray:
-        """The impacts of the last episode stepped, the first `count` of them; see `IMPACT`."""
-        return impact_rows(self.impacts[: min(count, len(self.impacts) - len(self.angles))])
+    def struck(self, count: int) -> np.ndarray:
+        """The impacts of the last episode stepped, the first `count` of them, as the kernel writes them: (M, 4)."""
+        return self.impacts[: min(count, len(self.impacts) - len(self.angles))]
 
 
 def _scratch(bobs: int) -> tuple[np.ndarray, np.ndarray]:
@@ -232,6 +237,9 @@ def _records(
         "exponent_to": WINDOW[1],
         "floor": FLOOR,
         "synchronized_at": settings.synchronized_at,
+        "window": ENVELOPE_PERIODS * cradle.period,
+        "asynchrony": 1.0,
+        "low_since": math.inf,
         "duration": settings.duration,
         "reward_kind": _REWARDS.get(settings.reward, p.ELSEWHERE) if isinstance(settings.reward, str) else p.ELSEWHERE,
         "largest": most,

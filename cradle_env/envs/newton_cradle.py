@@ -9,14 +9,16 @@ import numpy as np
 from gymnasium import error, logger
 
 from cradle_env.envs.episodes import Episodes, check_status, shown
+from cradle_env.envs.fixed_settings import FixedSettings
 from cradle_env.envs.settings import Settings
 from cradle_env.envs.spaces import action_space, observation_space
 from cradle_env.envs.state import State, check_state
 from cradle_env.envs.view import View, check_render_mode
 from cradle_env.mechanics.control_interval import BAD_ACTION, OVER, REWARD, SYNCHRONIZED
+from cradle_env.simulation import impact_rows
 
 
-class NewtonCradleEnv(gym.Env[np.ndarray, np.ndarray]):
+class NewtonCradleEnv(FixedSettings, gym.Env[np.ndarray, np.ndarray]):
     """Newton's cradle of N bobs on elastic strings, whose spacer the agent moves while the bobs click.
 
     ## Description
@@ -41,10 +43,10 @@ class NewtonCradleEnv(gym.Env[np.ndarray, np.ndarray]):
     | `release_angle` | angle of release; only the first step's counts | 0.05 | `release_angle` | 0.5 | rad |
 
     −1 and 1 stand for the ends of `delta_range` and `release_angle_range`, 0 for the setting, and numbers between for
-    what lies between. The first step sets both and lets go. From then on the spacer moves each pivot at a constant
-    velocity through every control interval. This does work on the bobs, which `info["spacer"]` counts: no energy
-    comes from nowhere. A release angle at which the lifted bobs would overlap with those that hang is raised until
-    they clear them.
+    what lies between. Numbers beyond are clipped; only what is not finite is refused (`InvalidAction`). The first
+    step sets both and lets go. From then on the spacer moves each pivot at a constant velocity through every
+    control interval. This does work on the bobs, which `info["spacer"]` counts: no energy comes from nowhere. A
+    release angle at which the lifted bobs would overlap with those that hang is raised until they clear them.
 
     ## Observation space
 
@@ -66,22 +68,32 @@ class NewtonCradleEnv(gym.Env[np.ndarray, np.ndarray]):
     interval, with independent normal errors of that standard deviation, then δ and the time. Lengths, speeds and σ are
     not seen. `info` and the rewards stay true.
 
+    With `normalize_observations` all of this is scaled to about 1: r − r0 in units of 0.02 r0, θ of the largest release
+    angle θ0, dr/dt of 0.1 √(g r0), dθ/dt of θ0 √(g/r0), δ to [−1, 1] over `delta_range`, the time in durations.
+
     σ(t) = |max θ + min θ| / θ0 of the lifted bob over the last 1.05 periods: the paper's σ at the middle of that
     window, the latest that can be known at t. Until the first window is full σ is 1; with nothing
     to synchronize with, one bob alone or all lifted, it stays 1.
 
+    σ watches the lifted bob alone. The rewards and the end of an episode count every bob. Its swing is how far it is
+    from its resting angle, and how fast it moves. The swings about the mean of all bobs make up a part of all swing;
+    the *asynchrony* is the root of that part over what it was at the release: 1 as the lifted bobs swing and the
+    others rest, 0 in unison. It is 1 until every pair of neighbours has had an impact. The `relative_swing` is the
+    amplitude of the swings about the mean over that at the release: how much of the clicking is left.
+
     `info` has the same keys after `reset` and `step`: `time` [s], `delta`, `release_angle` [rad], `sigma`,
-    `newton_exponent` (λ so far [1/s], 0 while unknown), `impacts` (number in this step), `fastest_impact` [m/s], and
-    the energies [J] `kinetic`, `gravity`, `strings` (held and lost by them), `drag`, `collisions` (taken so far),
-    `spacer` (brought in so far). kinetic + gravity + strings + drag + collisions − spacer is constant. The impacts
-    themselves are `env.unwrapped.impacts`.
+    `asynchrony`, `relative_swing`, `newton_exponent` (λ so far [1/s], 0 while unknown), `impacts` (number in this
+    step), `fastest_impact` [m/s], and the energies [J] `kinetic`, `gravity`, `strings` (held and lost by them),
+    `drag`, `collisions` (taken so far), `spacer` (brought in so far). kinetic + gravity + strings + drag +
+    collisions − spacer is constant. The impacts themselves are `env.unwrapped.impacts`.
 
     ## Rewards
 
-    - `"synchronize"`: Φ(after) − Φ(before) − interval/duration with Φ = −ln σ, held between 0 and −ln 0.05. The
-      shaping telescopes, so that an episode returns at most −ln 0.05 = 3.0 minus the part of the duration that it
-      took: the optimum synchronizes as soon as possible. With nothing done (δ = 0, N = 5) it returns about 2.4.
-    - `"sustain"`: σ · interval/duration (σ counted up to 1). At most 1, for a cradle that never synchronizes.
+    - `"synchronize"`: Φ(after) − Φ(before) − interval/duration with Φ = −ln(asynchrony), held between 0 and −ln 0.05.
+      The shaping telescopes, so that an episode returns at most −ln 0.05 = 3.0 minus the part of the duration that it
+      took: the optimum synchronizes as soon as possible. With nothing done (δ = 0, N = 5) it returns about 2.3.
+    - `"sustain"`: `relative_swing` · interval/duration, counted up to 1, and only while the last impact is no longer
+      ago than 1.05 periods. At most 1, for a cradle that goes on clicking as at the release.
     - any function of two infos, before and after the step, to a number.
 
     ## Starting state
@@ -90,9 +102,9 @@ class NewtonCradleEnv(gym.Env[np.ndarray, np.ndarray]):
 
     ## Episode end
 
-    Terminated when synchronized: σ ≤ `synchronized_at` throughout a whole window. Truncated after `duration`; the
-    registered time limit is 3600 steps, which is 60 s at the default interval, so a longer episode or a shorter
-    interval needs `max_episode_steps` too.
+    Terminated when synchronized: asynchrony ≤ `synchronized_at` at the end of every interval for 1.05 periods.
+    Truncated after `duration`; the registered time limit is 3600 steps, which is 60 s at the default interval, so a
+    longer episode or a shorter interval needs `max_episode_steps` too.
 
     A step raises `SimulationError` if the motion cannot be carried on: strings or bobs far from any cradle's, which
     press and bounce without end; or a hundred bobs let go at δ < 0, of which no common rest is found.
@@ -119,8 +131,9 @@ class NewtonCradleEnv(gym.Env[np.ndarray, np.ndarray]):
     | `control_interval` | 1/60 | s, at least 0.0001 |
     | `duration` | 60.0 | s |
     | `reward` | "synchronize" | or "sustain", or a function |
-    | `synchronized_at` | 0.05 | σ |
+    | `synchronized_at` | 0.05 | asynchrony |
     | `camera_noise` | None | or rad, 0 to 1: observations are a camera's |
+    | `normalize_observations` | False | or True: scaled to about 1 |
     | `dtype` | float32 | or float64 |
     | `render_mode` | None | "human", "rgb_array" or "ansi" |
 
@@ -131,11 +144,13 @@ class NewtonCradleEnv(gym.Env[np.ndarray, np.ndarray]):
 
     `get_state` and `set_state` save and restore everything, hysteresis and random numbers too, bit for bit; not the
     steps that a time limit around the environment has counted: `max_episode_steps=-1` does without one.
-    `make_vec("NewtonCradle-v0", num_envs=K)` steps K cradles in one call on all cores.
+    `make_vec("NewtonCradle-v0", num_envs=K)` steps K cradles in one call on all cores. Settings are read once:
+    `env.unwrapped.gravity = 1.0` is refused.
 
     ## Version history
 
-    v0: first version.
+    v0: first version. In 0.3.0 rewards and the end of an episode count all bobs, by the asynchrony, where σ of the
+    lifted bob alone had counted: returns before and after cannot be compared.
     """
 
     metadata: dict[str, Any] = {"render_modes": ["human", "rgb_array", "ansi"], "render_fps": 60}  # noqa: RUF012  as Gymnasium declares it
@@ -192,7 +207,7 @@ class NewtonCradleEnv(gym.Env[np.ndarray, np.ndarray]):
         info = shown(row)
         reward = row[REWARD] if before is None else float(self._reward(before, info.copy()))  # type: ignore[misc]
         if self._view is not None:
-            self._view.follow(info, self.impacts)
+            self._view.follow(row[0], row[3], self._stepper.struck(int(row[5])))
             if self.render_mode == "human":
                 self.render()
         episodes.read(0, self.settings.camera_noise, self.np_random)
@@ -220,7 +235,7 @@ class NewtonCradleEnv(gym.Env[np.ndarray, np.ndarray]):
         bob in a second the first."""
         if not self._begun:
             self._refuse()
-        return self._stepper.rows(int(self._episodes.info(0)["impacts"]))
+        return impact_rows(self._stepper.struck(int(self._episodes.info(0)["impacts"])))
 
     def get_state(self) -> State:
         """The whole state, motion, hysteresis memory, random numbers and all; `set_state` puts it back."""

@@ -2,21 +2,24 @@
 
 from __future__ import annotations
 
+import copy
 import math
 from typing import Any
 
 import gymnasium as gym
 import numpy as np
-from gymnasium import error
+from gymnasium import error, logger
 from gymnasium.spaces import Box
 
 from cradle_env.cradle import Cradle
+from cradle_env.envs.fixed_settings import FixedSettings
 from cradle_env.envs.settings import Settings
 from cradle_env.envs.spaces import action_space, rounded
-from cradle_env.errors import one_line
+from cradle_env.envs.view import check_render_mode
 from cradle_env.release import Release
 from cradle_env.simulation import raised, sample_times, simulate
 from cradle_env.synchronization import check_duration, half_window
+from cradle_env.trajectory import Trajectory
 
 #: Instants at which σ is shown, as parts of the duration.
 FEATURES = np.arange(1, 13) / 12.0
@@ -25,10 +28,10 @@ _FASTEST = 7.0
 #: Samples of an experiment [1/s].
 _SAMPLE_RATE = 240.0
 #: Settings of control, which there is none of.
-_OF_CONTROL = ("control_interval", "spacer_speed", "synchronized_at", "camera_noise")
+_OF_CONTROL = ("control_interval", "spacer_speed", "synchronized_at", "camera_noise", "normalize_observations")
 
 
-class NewtonCradleReleaseEnv(gym.Env[np.ndarray, np.ndarray]):
+class NewtonCradleReleaseEnv(FixedSettings, gym.Env[np.ndarray, np.ndarray]):
     """The design problem: choose δ and the release angle, let go, and see how fast the bobs synchronize.
 
     ## Description
@@ -53,9 +56,10 @@ class NewtonCradleReleaseEnv(gym.Env[np.ndarray, np.ndarray]):
     | 13 | δ | 1 | −1 | 1 |
     | 14 | release angle | rad | 0 | π |
 
-    `info` has the same keys, with arrays of one shape, after `reset` and `step`: `times` [s] and `sigma`, the whole
-    curve, both (T,); `newton_exponent` [1/s], `delta` and `release_angle` [rad]. Before the experiment they are as in
-    the observation, σ = 1 at all times. The cradle itself is `env.unwrapped.cradle`.
+    `info` has the same keys, with arrays of one shape, after `reset` and `step`: `newton_exponent` [1/s], `delta`,
+    `release_angle` [rad], and `times` [s] and `sigma` of the observation, both (12,). Before the experiment they are as
+    in the observation. The cradle is `env.unwrapped.cradle`, the whole experiment `env.unwrapped.run`, a `Trajectory`,
+    None before. Pictures (`render_mode="rgb_array"`) show σ(t).
 
     ## Rewards
 
@@ -75,23 +79,20 @@ class NewtonCradleReleaseEnv(gym.Env[np.ndarray, np.ndarray]):
 
     ## Version history
 
-    v0: first version.
+    v0: first version. Since 0.3.0 `times` and `sigma` in `info` are those of the observation.
     """
 
-    metadata: dict[str, Any] = {"render_modes": [], "render_fps": 1}  # noqa: RUF012  as Gymnasium declares it
+    metadata: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": 1}  # noqa: RUF012  as Gymnasium declares it
 
     def __init__(self, render_mode: str | None = None, **settings: Any) -> None:
-        if render_mode is not None:
-            raise ValueError(
-                f"render_mode is {one_line(render_mode)}; one step is a whole experiment, which has no picture"
-            )
-        self.render_mode = None
+        self.render_mode = check_render_mode(render_mode, self.metadata)
         for name in _OF_CONTROL:
             if name in settings:
                 raise TypeError(f"{name} is a setting of NewtonCradle-v0; here nothing is controlled, so leave it out")
         self.settings = Settings.of(**settings)
         check_duration(self.settings.duration, _SAMPLE_RATE)
         self._times = sample_times(self.settings.duration, _SAMPLE_RATE)
+        self._rows = np.rint(FEATURES * (len(self._times) - 1)).astype(int)
         fastest = Cradle(length=self.settings.narrowest().length, gravity=self.settings.widest().gravity)
         half_window(fastest.period, 1.0 / _SAMPLE_RATE)
         lifted = Release(angle=1.0, bobs=self.settings.released_bobs)  # to whatever angle
@@ -104,6 +105,8 @@ class NewtonCradleReleaseEnv(gym.Env[np.ndarray, np.ndarray]):
         self.observation_space = Box(low.astype(dtype), rounded(high, np.inf, dtype), dtype=dtype.type)
         #: The cradle of the experiment: as drawn by `reset`, with the δ of the action after `step`.
         self.cradle: Cradle | None = None
+        #: The experiment, None before.
+        self.run: Trajectory | None = None
         self._angle, self._ready, self._closed = 0.0, False, False
         self._episode = self.settings
 
@@ -118,49 +121,66 @@ class NewtonCradleReleaseEnv(gym.Env[np.ndarray, np.ndarray]):
         self._ready = False  # a refusal leaves no episode
         self.cradle, self._angle = self._episode.drawn(self.np_random, posterior)
         half_window(self.cradle.period, 1.0 / _SAMPLE_RATE)
-        self._ready = True
-        self._info = {
-            "newton_exponent": 0.0,
-            "delta": self.cradle.delta,
-            "release_angle": self._angle,
-            "times": self._times.copy(),
-            "sigma": np.ones(len(self._times)),
-        }
-        return self._observation(np.ones(len(FEATURES)), self._info), dict(self._info)
+        self.run, self._ready = None, True
+        self._info = self._shown(0.0, self.cradle.delta, self._angle, np.ones(len(FEATURES)))
+        return self._observation(self._info), copy.deepcopy(self._info)
 
     def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
         """The experiment."""
-        if self.cradle is None or not self._ready:
+        if not self._ready:
             if self._closed:
                 raise error.ClosedEnvironmentError("this environment is closed; make another")
             raise error.ResetNeeded("call reset before step: each experiment is an episode")
-        action = self._episode.checked_action(action)
-        values = self._episode.meaning(action, self.cradle, self._angle)
-        cradle = self.cradle.replace(delta=values["delta"])
-        asked = Release(angle=values["release_angle"], bobs=self._episode.released_bobs, start=self._episode.start)
-        release = raised(cradle, asked)
-        run = simulate(cradle, release, self._episode.duration, _SAMPLE_RATE, ledger=False)
-        sigma, exponent = run.sigma(), run.newton_exponent()
-        info = {
-            "newton_exponent": exponent if math.isfinite(exponent) else _FASTEST,
-            "delta": values["delta"], "release_angle": release.angle, "times": run.t, "sigma": sigma,
-        }  # fmt: skip
-        reward = self._episode.reward
-        gained = reward(self._info, info) if callable(reward) else info["newton_exponent"]
-        self.cradle, self._ready = cradle, False
-        rows = np.rint(FEATURES * (len(run.t) - 1)).astype(int)
-        return (
-            self._observation(sigma[rows], info),
-            -gained if reward == "sustain" else float(gained),
-            True,
-            False,
-            info,
+        self.run = self.experiment(action)
+        cradle = self.cradle = self.run.cradle
+        self._ready = False
+        exponent, before = self.run.newton_exponent(), self._info
+        self._info = self._shown(
+            exponent if math.isfinite(exponent) else _FASTEST,
+            float(np.max(cradle.delta)),
+            self.run.release.angle,  # type: ignore[union-attr]  a Release, as `experiment` makes it
+            self.run.sigma()[self._rows],
         )
+        reward, info = self._episode.reward, copy.deepcopy(self._info)
+        gained = reward(before, info) if callable(reward) else info["newton_exponent"]
+        return self._observation(info), -gained if reward == "sustain" else float(gained), True, False, info
 
-    def _observation(self, sigma: np.ndarray, info: dict[str, Any]) -> np.ndarray:
+    @property
+    def ready(self) -> bool:
+        """Whether `reset` has prepared an experiment, for `step` to make."""
+        return self._ready
+
+    def experiment(self, action: np.ndarray) -> Trajectory:
+        """What `step(action)` simulates; nothing is changed."""
+        cradle, settings = self.cradle, self._episode
+        if cradle is None:
+            raise error.ResetNeeded("there is no cradle yet; call reset first")
+        values = settings.meaning(settings.checked_action(action), cradle, self._angle)
+        cradle = cradle.replace(delta=values["delta"])
+        asked = Release(angle=values["release_angle"], bobs=settings.released_bobs, start=settings.start)
+        return simulate(cradle, raised(cradle, asked), settings.duration, _SAMPLE_RATE, ledger=False)
+
+    def _shown(self, exponent: float, delta: Any, angle: Any, sigma: np.ndarray) -> dict[str, Any]:
+        return {
+            "newton_exponent": exponent, "delta": delta, "release_angle": angle,
+            "times": self._times[self._rows], "sigma": sigma,
+        }  # fmt: skip
+
+    def _observation(self, info: dict[str, Any]) -> np.ndarray:
         rest = [info["newton_exponent"], info["delta"], info["release_angle"]]
-        seen = np.concatenate([sigma, rest]).astype(self.settings.dtype)
+        seen = np.concatenate([info["sigma"], rest]).astype(self.settings.dtype)
         return np.clip(seen, self.observation_space.low, self.observation_space.high)  # type: ignore[attr-defined]
+
+    def render(self) -> np.ndarray | None:
+        """The picture of σ(t), (600, 800, 3) uint8, empty before the experiment."""
+        if self.render_mode is None:
+            logger.warn('nothing to render: make the environment with render_mode="rgb_array"')
+            return None
+        if self.cradle is None or self._closed:
+            raise error.ResetNeeded("there is no experiment; call reset first")
+        from cradle_env.plotting import sigma_picture
+
+        return sigma_picture(self.run, self.settings.duration)
 
     def close(self) -> None:
         """No step afterwards."""

@@ -65,6 +65,7 @@ class Settings:
     reward: str | Callable[[dict[str, float], dict[str, float]], float] = "synchronize"
     synchronized_at: float = 0.05
     camera_noise: float | None = None
+    normalize_observations: bool = False
     dtype: Any = np.float32
 
     @classmethod
@@ -104,6 +105,8 @@ class Settings:
         put("synchronized_at", check_range("synchronized_at", self.synchronized_at, "", 0.0, 1.0, above=True))
         if self.camera_noise is not None:
             put("camera_noise", check_range("camera_noise", self.camera_noise, "rad", 0.0, _MOST_NOISE))
+        if not isinstance(self.normalize_observations, bool | np.bool_):
+            raise TypeError(f"normalize_observations is {one_line(self.normalize_observations)}; it is True or False")
         try:
             put("dtype", np.dtype(self.dtype))
         except TypeError:
@@ -237,12 +240,13 @@ class Settings:
         return cradle, values["release_angle"]
 
     def checked_action(self, action: Any) -> np.ndarray:
-        """The action as float64; InvalidAction unless it has one number in [−1, 1] for each of `actions`."""
+        """The action as float64, clipped to [−1, 1]; InvalidAction unless it has a finite number for each of
+        `actions`."""
         numbers = as_numbers(action)
-        if numbers.shape != (len(self.actions),) or not (np.abs(numbers) <= 1.0).all():
-            wanted = f"{len(self.actions)} numbers in [-1, 1]: {', '.join(self.actions)}"
+        if numbers.shape != (len(self.actions),) or not np.isfinite(numbers).all():
+            wanted = f"{len(self.actions)} finite numbers: {', '.join(self.actions)}"
             raise InvalidAction(f"action is {one_line(action)}; it must be {wanted}")
-        return numbers
+        return np.clip(numbers, -1.0, 1.0)
 
     def meaning(self, action: np.ndarray, cradle: Cradle, angle: float) -> dict[str, float]:
         """δ and release angle [rad] that an action stands for, on a cradle and at an angle that were drawn."""
@@ -271,8 +275,10 @@ class Settings:
 SETTINGS = (*(f.name for f in dataclasses.fields(Settings) if f.name != "cradle"), *CRADLE_NUMBERS, "power_law")
 
 
+# What observations show of a state is no part of it.
+_SHOWN = ("dtype", "normalize_observations")
 _LASTING = tuple(
-    f.name for f in dataclasses.fields(Settings) if f.name not in (*PER_EPISODE, "cradle", "model", "effects", "dtype")
+    f.name for f in dataclasses.fields(Settings) if f.name not in (*PER_EPISODE, "cradle", "model", "effects", *_SHOWN)
 )
 
 

@@ -13,7 +13,9 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
 from cradle_env.envs.episodes import Episodes, check_status, shown
+from cradle_env.envs.fixed_settings import FixedSettings
 from cradle_env.envs.newton_cradle import NewtonCradleEnv
+from cradle_env.envs.rows import Row, refuse_to_set
 from cradle_env.envs.settings import Settings
 from cradle_env.envs.spaces import action_space, observation_space
 from cradle_env.envs.state import State, check_state
@@ -22,15 +24,18 @@ from cradle_env.envs.view import View, check_render_mode
 from cradle_env.errors import one_line
 from cradle_env.mechanics.control_interval import OVER, REWARD, SYNCHRONIZED
 from cradle_env.threads import cores
-from cradle_env.trajectory import IMPACT
+
+_LIST = "rgb_array_list"
 
 
-class NewtonCradleVectorEnv(VectorEnv):
+class NewtonCradleVectorEnv(FixedSettings, VectorEnv):
     """`num_envs` cradles, bit for bit what `SyncVectorEnv` makes of as many `NewtonCradleEnv` with equal seeds.
 
     settings: as for `NewtonCradleEnv`. each: settings of single environments over these, one mapping for each; they
     may not change the spaces. autoreset_mode: "NextStep", "SameStep" or "Disabled". workers: threads, all cores
     where omitted. max_episode_steps: control intervals after which an episode is truncated, if not by `duration`.
+    render_mode "rgb_array_list" keeps the pictures of every step until `render` hands them out, those of the last
+    episode alone.
     """
 
     def __init__(
@@ -53,14 +58,15 @@ class NewtonCradleVectorEnv(VectorEnv):
             raise ValueError(f"each has {len(each)} settings; there are {num_envs} environments")
         self.num_envs = int(num_envs)
         self.settings = Settings.of(**settings)
-        self._each = (
+        #: Settings of each cradle.
+        self.each_settings = (
             [self.settings] * num_envs
             if each is None
             else [Settings.of(**{**settings, **mapping(own)}) for own in each]
         )
         if render_mode == "human":
             raise ValueError('render_mode is "human"; a window shows one cradle, so choose "rgb_array" or "ansi"')
-        self.render_mode = check_render_mode(render_mode, NewtonCradleEnv.metadata)
+        self.render_mode = _LIST if render_mode == _LIST else check_render_mode(render_mode, NewtonCradleEnv.metadata)
         modes = [mode.value for mode in AutoresetMode]
         if not isinstance(autoreset_mode, AutoresetMode) and autoreset_mode not in modes:
             raise ValueError(f"autoreset_mode is {one_line(autoreset_mode)}; choose one of {', '.join(modes)}")
@@ -69,7 +75,7 @@ class NewtonCradleVectorEnv(VectorEnv):
         self.metadata = {**NewtonCradleEnv.metadata, "render_fps": fps, "autoreset_mode": self.autoreset_mode}
         self.single_observation_space = observation_space(self.settings)
         self.single_action_space = action_space(self.settings)
-        for own in self._each:
+        for own in self.each_settings:
             if observation_space(own) != self.single_observation_space or action_space(own) != self.single_action_space:
                 raise ValueError(
                     "each: bobs, actions, length, gravity, duration, dtype and a camera must be the same for all"
@@ -84,11 +90,13 @@ class NewtonCradleVectorEnv(VectorEnv):
         self._over = np.zeros(self.num_envs, bool)
         self._ready = False
         # Those whose reward is a function.
-        self._rewarding = [k for k, own in enumerate(self._each) if not isinstance(own.reward, str)]
+        self._rewarding = [k for k, own in enumerate(self.each_settings) if not isinstance(own.reward, str)]
         workers = min(workers or cores(), self.num_envs)
         self._steppers = [self._episodes.stepper() for _ in range(workers)]
         self._pool: ThreadPoolExecutor | None = None
-        self._views = [] if render_mode is None else [View(render_mode, fps, own) for own in self._each]
+        mode = "rgb_array" if render_mode == _LIST else render_mode
+        self._views = [] if mode is None else [View(mode, fps, own) for own in self.each_settings]
+        self._frames: list[list[np.ndarray]] = [[] for _ in self._views]
 
     def reset(
         self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
@@ -111,7 +119,7 @@ class NewtonCradleVectorEnv(VectorEnv):
 
     def _begin(self, k: int, options: Mapping[str, Any] | None = None) -> None:
         """Puts episode k before its release."""
-        settings, posterior = self._each[k].for_episode(options)
+        settings, posterior = self.each_settings[k].for_episode(options)
         cradle, angle = settings.drawn(self._generator(k), posterior)
         ready, self._ready = self._ready, False  # a refusal leaves no episode
         self._episodes.begin(k, settings, cradle, angle)
@@ -120,10 +128,12 @@ class NewtonCradleVectorEnv(VectorEnv):
         self._steps[k] = 0
         if self._views:
             self._views[k].begin()
+            if self.render_mode == _LIST:
+                self._frames[k] = [self._draw(k)]
 
     def _read(self, k: int) -> None:
         """The camera of environment k, if it has one, reads the angles."""
-        noise = self._each[k].camera_noise
+        noise = self.each_settings[k].camera_noise
         if noise is not None:
             self._episodes.read(k, noise, self._generator(k))
 
@@ -152,14 +162,16 @@ class NewtonCradleVectorEnv(VectorEnv):
         rewards = np.where(moved, report[:, REWARD], 0.0)
         for k in self._rewarding:
             if moved[k]:
-                rewards[k] = float(self._each[k].reward(before[k], self._episodes.info(k)))  # type: ignore[operator]
+                rewards[k] = float(self.each_settings[k].reward(before[k], self._episodes.info(k)))  # type: ignore[operator]
         if self.settings.camera_noise is not None:
             for k in indices(moved):
                 self._read(k)
         self._steps[moved] += 1
         for k, view in enumerate(self._views):
             if moved[k]:
-                view.follow(self._episodes.info(k), np.zeros(0, IMPACT))
+                view.follow(float(report[k, 0]), float(report[k, 3]))
+                if self.render_mode == _LIST:
+                    self._frames[k].append(self._draw(k))
         terminated = moved & (report[:, SYNCHRONIZED] > 0.0)
         truncated = moved & ((report[:, OVER] > 0.0) | (self._steps >= self._limit))
         self._over = terminated | truncated
@@ -218,15 +230,38 @@ class NewtonCradleVectorEnv(VectorEnv):
         if not self._views:
             logger.warn('nothing to render: make the environment with render_mode="human", "rgb_array" or "ansi"')
             return None
+        return tuple(self.picture(k) for k in range(self.num_envs))
+
+    def picture(self, k: int) -> Any:
+        """The picture of cradle k, or those since it was last asked for."""
         if not self._ready:
             self._refuse()
-        return tuple(view.render(self._episodes, k, self._episodes.info(k)) for k, view in enumerate(self._views))
+        if self.render_mode != _LIST:
+            return self._draw(k)
+        frames, self._frames[k] = self._frames[k], []
+        return frames
+
+    def _draw(self, k: int) -> Any:
+        return self._views[k].render(self._episodes, k, self._episodes.info(k))
+
+    def call(self, name: str, *args: Any, **kwargs: Any) -> tuple[Any, ...]:
+        """What each cradle has, or returns, under a name of a single environment, see `Row`."""
+        found = [getattr(Row(self, k), name) for k in range(self.num_envs)]
+        return tuple(value(*args, **kwargs) if callable(value) else value for value in found)
+
+    def get_attr(self, name: str) -> tuple[Any, ...]:
+        """`call`, as other vector environments name it for attributes."""
+        return self.call(name)
+
+    def set_attr(self, name: str, values: Any) -> NoReturn:
+        """Refuse: AttributeError."""
+        refuse_to_set(name, values)
 
     def get_state(self) -> State:
         """The whole state of all environments; `set_state` puts it back."""
         arrays = (*self._episodes.arrays(), self._steps, self._over)
         return State(
-            settings=tuple(own.lasting for own in self._each),
+            settings=tuple(own.lasting for own in self.each_settings),
             cradles=tuple(self._episodes.of),
             arrays=tuple(array.copy() for array in arrays),
             random=[None if random is None else random.bit_generator.state for random in self._random],
@@ -238,7 +273,7 @@ class NewtonCradleVectorEnv(VectorEnv):
         """Goes on from a state, bit for bit; ValueError if it is of other environments."""
         if self.closed:
             self._refuse()
-        check_state(state, self._each, self._episodes, 2)
+        check_state(state, self.each_settings, self._episodes, 2)
         *arrays, steps, over = state.arrays
         self._episodes.restore(tuple(arrays), state.cradles)
         self._steps, self._over, self._seeds = steps.copy(), over.copy(), list(state.seeds)

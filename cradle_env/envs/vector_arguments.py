@@ -13,16 +13,15 @@ from cradle_env.errors import one_line
 
 
 def checked_actions(actions: Any, shape: tuple[int, ...]) -> np.ndarray:
-    """Actions as float64 of this shape; InvalidAction unless all are numbers in [−1, 1]."""
+    """Actions as float64 of this shape; InvalidAction unless all are finite numbers."""
     checked = as_numbers(actions)
     if checked.shape != shape:
         told = f"of shape {actions.shape} and type {actions.dtype}" if isinstance(actions, np.ndarray) else ""
-        wanted = f"numbers in [-1, 1] of shape {shape}"
+        wanted = f"finite numbers of shape {shape}"
         raise error.InvalidAction(f"actions are {told or repr(actions)[:100]}; they must be {wanted}")
-    outside = ~(np.abs(checked) <= 1.0).all(axis=1)
-    if outside.any():
-        k = indices(outside)[0]
-        raise error.InvalidAction(f"the action of environment {k} is {checked[k].tolist()}; it must be in [-1, 1]")
+    if not np.isfinite(checked).all():
+        k = indices(~np.isfinite(checked).all(axis=1))[0]
+        raise error.InvalidAction(f"the action of environment {k} is {checked[k].tolist()}; it must be finite")
     return checked
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from typing import Any
 
 import numpy as np
@@ -11,7 +12,9 @@ from cradle_env.envs.settings import Settings
 from cradle_env.errors import one_line
 from cradle_env.mechanics import control_interval
 from cradle_env.rendering import FADE, Canvas, Scene, contact, extent, text
-from cradle_env.trajectory import IMPACT
+from cradle_env.simulation import impact_rows
+
+_NONE = np.zeros((0, 4))
 
 
 class View:
@@ -32,14 +35,17 @@ class View:
         """A new episode."""
         self._times: list[float] = []
         self._sigma: list[float] = []
-        self._impacts = np.zeros(0, IMPACT)
+        self._impacts: deque[np.ndarray] = deque()
 
-    def follow(self, info: dict[str, float], impacts: np.ndarray) -> None:
-        """Takes note of a step: its info, and its impacts as rows of IMPACT."""
-        self._times.append(info["time"])
-        self._sigma.append(info["sigma"])
-        recent = self._impacts[self._impacts["time"] > info["time"] - FADE]
-        self._impacts = np.concatenate([recent, impacts])
+    def follow(self, time: float, sigma: float, impacts: np.ndarray = _NONE) -> None:
+        """Takes note of a step that ended at `time` [s], and of its impacts as the kernel writes them, (M, 4). What a
+        picture shows of them is made when it is drawn: most steps are never shown."""
+        self._times.append(time)
+        self._sigma.append(sigma)
+        if len(impacts) > 0:
+            self._impacts.append(impacts.copy())
+            while self._impacts[0][-1, 0] <= time - FADE:
+                self._impacts.popleft()
 
     def render(self, episodes: Episodes, k: int, info: dict[str, float]) -> Any:
         """The picture (H, W, 3) uint8, the text, or None where it went to the window."""
@@ -61,7 +67,7 @@ class View:
             z=drawn[:, 1],
             radius=float(episodes.cradles["radius"][k]),
             load=drawn[:, 2],
-            contact=contact(self._impacts, len(bobs), info["time"]),
+            contact=contact(impact_rows(np.concatenate([_NONE, *self._impacts])), len(bobs), info["time"]),
             sigma_times=np.array(self._times),
             sigma=np.array(self._sigma),
             newton_exponent=info["newton_exponent"] or np.nan,

@@ -17,6 +17,7 @@ from cradle_env.mechanics.layout import (
 )
 from cradle_env.mechanics.spacer import drive, hold
 from cradle_env.mechanics.strings import stretch, tension
+from cradle_env.mechanics.unison import asynchrony, have_met, relative_swing, resting_angles, swings
 
 # What a step can end with, beside what a run can.
 BAD_ACTION = 10
@@ -28,8 +29,8 @@ _EDGE = 1e-9
 _BEFORE = 1e-13
 
 # Columns of a report behind those that an info shows, and how many there are in all.
-REWARD, SYNCHRONIZED, OVER = 13, 14, 15
-REPORT = 16
+REWARD, SYNCHRONIZED, OVER = 15, 16, 17
+REPORT = 18
 
 
 @entry
@@ -38,7 +39,7 @@ def step(cradles, bobs, table, S, W, angles, episodes, ring, impacts, report, ac
 
     cradles (K,) CRADLE; bobs (K, N) BOB; S (K, N, COLUMNS); W and angles (N,): scratch; episodes (K,) EPISODE;
     ring (K, R) rad: the lifted bob's angle over sigma's window; impacts (M, 4): those of the last run's interval;
-    report (K, REPORT); actions (K, A) in [-1, 1]; observations (K, 4 N + 3).
+    report (K, REPORT); actions (K, A), taken as -1 or 1 beyond these; observations (K, 4 N + 3).
     """
     worst = DONE
     times, motion = W[0, :0], S[:0]  # the runs take no samples
@@ -50,6 +51,7 @@ def step(cradles, bobs, table, S, W, angles, episodes, ring, impacts, report, ac
         episodes[k].status = status
         if status == DONE:
             observe(cradles[k], bobs[k], S[k], episodes[k], observations[k])
+            judge(cradles[k], bobs[k], S[k], episodes[k], observations[k], angles, report[k])
         elif worst == DONE:
             worst = status
     return worst
@@ -66,8 +68,9 @@ def meaning(meanings, action):
 @jit
 def _step(cradle, bobs, table, S, W, angles, episode, ring, action, times, motion, impacts, report):
     for a in range(len(action)):
-        if not -1.0 <= action[a] <= 1.0:
+        if not abs(action[a]) < math.inf:
             return BAD_ACTION
+        action[a] = min(max(action[a], -1.0), 1.0)
     target = meaning(episode.delta_range, action[episode.delta_column] if episode.delta_column >= 0 else 0.0)
     if episode.steps < 0:
         angle = meaning(episode.angle_range, action[episode.angle_column] if episode.angle_column >= 0 else 0.0)
@@ -93,7 +96,6 @@ def _step(cradle, bobs, table, S, W, angles, episode, ring, action, times, motio
         episode.rate = rate
         episode.collisions += took
 
-    sigma = episode.sigma
     for j in range(1, episode.samples + 1):
         t = start + (end - start) * (j / episode.samples)
         status, rows, count, fastest = fly(
@@ -106,13 +108,13 @@ def _step(cradle, bobs, table, S, W, angles, episode, ring, action, times, motio
     episode.delta = target if arrives else episode.delta + rate * (end - start)
     episode.steps += 1
 
-    synchronized = episode.below > 2 * episode.half_window
+    if rows > 0:
+        episode.struck = impacts[rows - 1, 0]
     report[0], report[1], report[2], report[3] = end, episode.delta, episode.angle, episode.sigma
     report[4] = episode.exponents / max(episode.exponent_count, 1)
     report[5], report[6] = count, fastest
     energies(cradle, bobs, S, episode, end, report)
-    report[REWARD] = reward(episode, sigma, min(end, episode.duration) - start)
-    report[SYNCHRONIZED], report[OVER] = synchronized, end >= episode.duration - _EDGE
+    report[OVER] = end >= episode.duration - _EDGE
     return DONE
 
 
@@ -188,7 +190,6 @@ def sample_sigma(cradle, bobs, S, episode, ring, t):
     if now < width - 1:
         return
     episode.sigma = abs(episode.highest + episode.lowest) / episode.angle
-    episode.below = episode.below + 1 if episode.sigma <= episode.synchronized_at else 0
     middle = t * (now - episode.half_window) / now
     if episode.exponent_from < middle <= episode.exponent_to and episode.sigma > episode.floor:
         episode.exponents -= math.log(episode.sigma) / middle
@@ -196,21 +197,42 @@ def sample_sigma(cradle, bobs, S, episode, ring, t):
 
 
 @jit
-def reward(episode, sigma, interval):
-    """The built-in rewards of an interval [s], as far as the episode lasts, that began with `sigma`; 0 for one that is
-    computed elsewhere."""
-    passed = interval / episode.duration
+def judge(cradle, bobs, S, episode, seen, angles, report):
+    """How far the bobs are from swinging in unison at the end of an interval, what that is worth, and whether it has
+    lasted. seen: what `observe` has written; angles (N,): scratch."""
+    n, lifted, end, before = len(bobs), episode.lifted, report[0], episode.asynchrony
+    relative = 0.0
+    if lifted < n:  # else there is nothing to synchronize with
+        resting_angles(cradle, bobs, end, angles)
+        apart, total = swings(cradle, bobs, seen, angles)
+        relative = relative_swing(apart, episode.angle, lifted, n)
+        episode.asynchrony = asynchrony(apart, total, lifted, n) if have_met(S) else 1.0
+    if episode.asynchrony > episode.synchronized_at:
+        episode.low_since = math.inf
+    else:
+        episode.low_since = min(episode.low_since, end)
+    report[SYNCHRONIZED] = end - episode.low_since >= episode.window - _EDGE
+    report[13], report[14] = episode.asynchrony, relative
+    start = (episode.steps - 1) * episode.interval * cradle.step
+    report[REWARD] = reward(episode, before, relative, start, end)
+
+
+@jit
+def reward(episode, before, relative, start, end):
+    """The built-in rewards of an interval from start to end [s], as far as the episode lasts, that began with the
+    asynchrony `before`; 0 for one that is computed elsewhere."""
+    passed = (min(end, episode.duration) - start) / episode.duration
     if episode.reward_kind == SYNCHRONIZE:
-        return potential(episode, episode.sigma) - potential(episode, sigma) - passed
-    if episode.reward_kind == SUSTAIN:
-        return passed * min(episode.sigma, 1.0)
+        return potential(episode, episode.asynchrony) - potential(episode, before) - passed
+    if episode.reward_kind == SUSTAIN and end - episode.struck <= episode.window:
+        return passed * min(relative, 1.0)
     return 0.0
 
 
 @jit
-def potential(episode, sigma):
-    """-ln(sigma), between 0 and its value where the episode ends."""
-    return -math.log(min(max(sigma, episode.synchronized_at), 1.0))
+def potential(episode, asynchrony):
+    """-ln(asynchrony), between 0 and its value where the episode ends."""
+    return -math.log(min(max(asynchrony, episode.synchronized_at), 1.0))
 
 
 @jit

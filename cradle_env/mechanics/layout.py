@@ -92,7 +92,7 @@ BOB = np.dtype(
     ]
 )
 
-# What an episode's reward is: see control.reward.
+# What an episode's reward is: see control_interval.reward.
 SYNCHRONIZE, SUSTAIN, ELSEWHERE = 0, 1, 2
 
 # An episode of the environment: what is set, then what has come of it.
@@ -112,7 +112,8 @@ EPISODE = np.dtype(
         ("exponent_from", "f8"),  # lambda's window, s, and its floor of sigma
         ("exponent_to", "f8"),
         ("floor", "f8"),
-        ("synchronized_at", "f8"),  # sigma
+        ("synchronized_at", "f8"),  # asynchrony
+        ("window", "f8"),  # for how long, s
         ("duration", "f8"),  # s
         ("reward_kind", "i8"),  # SYNCHRONIZE, SUSTAIN or ELSEWHERE
         ("largest", "f8", (3,)),  # r [m], dr/dt [m/s], dtheta/dt [rad/s] that an observation shows
@@ -126,7 +127,9 @@ EPISODE = np.dtype(
         ("lowest", "f8"),
         ("lowest_at", "i8"),
         ("sigma", "f8"),
-        ("below", "i8"),  # samples in a row with sigma <= synchronized_at
+        ("asynchrony", "f8"),
+        ("low_since", "f8"),  # when it came to synchronized_at or below, s; inf: it is above
+        ("struck", "f8"),  # the last impact, s
         ("exponents", "f8"),  # sum of -ln(sigma) / t, and of how many
         ("exponent_count", "i8"),
         ("collisions", "f8"),  # energy taken by impacts, J

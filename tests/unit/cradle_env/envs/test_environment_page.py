@@ -86,5 +86,5 @@ def test_the_arguments() -> None:
         shown = f'"{default}"' if isinstance(default, str) else str(default).replace("'", '"')
         assert cell == ("{}" if name == "effects" else shown), name
     settings = Settings()
-    assert f"σ ≤ {settings.synchronized_at:g}" in PAGE and f"after {settings.duration:g} s" in PAGE
-    assert f"at\n  most {-math.log(0.05):.1f}" in PAGE
+    assert f"asynchrony is ≤ {settings.synchronized_at:g}" in PAGE and f"after {settings.duration:g} s" in PAGE
+    assert f"returns at most {-math.log(0.05):.1f}" in PAGE

@@ -166,36 +166,6 @@ def test_a_spacer_at_rest_is_a_whole_run(bobs: int, model: str) -> None:
     assert infos[-1]["newton_exponent"] == pytest.approx(exponent, rel=1e-4 if bobs == 2 else 2e-2)
 
 
-def test_synchronized_once_sigma_stays_below() -> None:
-    env = environment(bobs=2, synchronized_at=0.4)
-    env.reset()
-    sigma, over = [], False
-    while not over:
-        _, _, over, truncated, info = env.step(np.zeros(2))
-        assert not truncated
-        sigma.append(info["sigma"])
-    window = round(1.05 * Cradle().period * 60)
-    last_above = np.flatnonzero(np.array(sigma) > 0.4)[-1]
-    assert abs(len(sigma) - 1 - last_above - window) <= 1
-
-
-def test_rewards_telescope() -> None:
-    """The sum over an episode is the potential at its end less the share of the duration."""
-    env = environment(bobs=2, reward="synchronize", synchronized_at=0.3)
-    env.reset()
-    total, over = 0.0, False
-    while not over:
-        _, reward, over, _, info = env.step(np.zeros(2))
-        total += reward
-    assert total == pytest.approx(-np.log(0.3) - info["time"] / 60, abs=1e-9)  # rounding of 1700 terms
-    env = environment(bobs=2, reward="sustain")
-    env.reset()
-    rewards, sigma = zip(
-        *((step[1], step[4]["sigma"]) for step in (env.step(np.zeros(2)) for _ in range(200))), strict=True
-    )
-    np.testing.assert_allclose(rewards, np.minimum(sigma, 1) / 3600, rtol=1e-12)
-
-
 def test_release_never_presses_on_neighbours() -> None:
     env = environment(bobs=5, delta=-0.05, delta_range=(-0.05, 0.1), release_angle_range=(1e-6, 0.5), start="hanging")
     env.reset()
