@@ -4,14 +4,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import Any, NoReturn
+from typing import Any
 
 import gymnasium as gym
 import numpy as np
 from gymnasium.error import DependencyNotInstalled
+from gymnasium.vector import AutoresetMode
 
 import cradle_env  # noqa: F401  registers the environments
-from cradle_env.errors import one_line
 
 try:
     from stable_baselines3.common.vec_env import VecEnv
@@ -28,16 +28,17 @@ class CradleVecEnv(VecEnv):
 
     Parameters
     ----------
-    name : a registered environment that has a native vector environment, such as "NewtonCradle5-v0".
+    name : a registered environment that has a native vector environment, such as "NewtonCradle5-v0"; or such a
+        vector environment, made with autoreset_mode="SameStep".
     num_envs : number of cradles, at least 1.
-    **settings : as for `gym.make_vec(name)`, without `autoreset_mode`: an episode that is over begins anew in the
-        same step, as Stable-Baselines3 expects.
+    **settings : as for `gym.make_vec(name)`. An episode that is over begins anew in the same step, as
+        Stable-Baselines3 expects; another `autoreset_mode` is refused.
 
     Raises
     ------
     DependencyNotInstalled : on import, where Stable-Baselines3 is not installed.
-    TypeError, ValueError : settings that the environment refuses; options that differ between cradles.
-    NotImplementedError : `set_attr` and `env_method`: the cradles are rows of arrays, not objects of their own.
+    TypeError, ValueError : settings that the environment refuses; options that differ between cradles; another mode.
+    AttributeError : `set_attr`, and what single cradles have not: they are rows of arrays, see `Row`.
 
     Examples
     --------
@@ -52,11 +53,17 @@ class CradleVecEnv(VecEnv):
     ```
     """
 
-    def __init__(self, name: str = "NewtonCradle-v0", num_envs: int = 1, **settings: Any) -> None:
-        self.cradles = gym.make_vec(
-            name, num_envs, vectorization_mode="vector_entry_point", autoreset_mode="SameStep", **settings
-        )
-        super().__init__(num_envs, self.cradles.single_observation_space, self.cradles.single_action_space)
+    def __init__(self, name: str | Any = "NewtonCradle-v0", num_envs: int = 1, **settings: Any) -> None:
+        if isinstance(name, str):
+            settings = {"autoreset_mode": "SameStep", **settings}
+            name = gym.make_vec(name, num_envs, vectorization_mode="vector_entry_point", **settings)
+        elif settings or num_envs != 1:
+            raise TypeError("num_envs and settings belong to a name; a vector environment that is made has its own")
+        self.cradles, mode = name, name.metadata["autoreset_mode"]
+        if mode is not AutoresetMode.SAME_STEP:
+            raise ValueError(f'autoreset_mode is "{mode.value}"; Stable-Baselines3 takes "SameStep"')
+        super().__init__(self.cradles.num_envs, self.cradles.single_observation_space, self.cradles.single_action_space)
+        self.metadata = self.cradles.metadata  # films of VecVideoRecorder play at its speed
 
     def reset(self) -> np.ndarray:
         """Begin all episodes, with the seeds of `seed` and the options of `set_options`; observations (K, D)."""
@@ -94,21 +101,20 @@ class CradleVecEnv(VecEnv):
         return list(self.cradles.render() or ())
 
     def get_attr(self, attr_name: str, indices: int | Iterable[int] | None = None) -> list[Any]:
-        """Give an attribute of the vector environment, once for each of the cradles asked for."""
-        return [getattr(self.cradles, attr_name) for _ in self._get_indices(indices)]
+        """Give an attribute of the cradles asked for."""
+        found = self.cradles.get_attr(attr_name)
+        return [found[k] for k in self._get_indices(indices)]
 
-    def set_attr(self, attr_name: str, value: Any, indices: int | Iterable[int] | None = None) -> NoReturn:
-        """Refuse: NotImplementedError."""
-        raise NotImplementedError(f"{attr_name} cannot be set to {one_line(value)}; make a CradleVecEnv with it")
+    def set_attr(self, attr_name: str, value: Any, indices: int | Iterable[int] | None = None) -> None:
+        """Refuse: AttributeError."""
+        self.cradles.set_attr(attr_name, value)
 
     def env_method(
         self, method_name: str, *arguments: Any, indices: int | Iterable[int] | None = None, **keywords: Any
-    ) -> NoReturn:
-        """Refuse: NotImplementedError."""
-        raise NotImplementedError(
-            f"{method_name} cannot be called on single cradles, which are rows of arrays; use `.cradles`, the vector "
-            "environment, or a DummyVecEnv of single environments"
-        )
+    ) -> list[Any]:
+        """Give what a method of the cradles asked for returns; it is called for all of them."""
+        returned = self.cradles.call(method_name, *arguments, **keywords)
+        return [returned[k] for k in self._get_indices(indices)]
 
     def env_is_wrapped(self, wrapper_class: type, indices: int | Iterable[int] | None = None) -> list[bool]:
         """Say False for each: single cradles have no wrappers."""

@@ -39,5 +39,7 @@ def test_episodes_are_recorded_and_replayed(name: str, tmp_path, monkeypatch: py
             observation, *rest, _ = env.step(action)
             np.testing.assert_array_equal(observation, episode.observations[k + 1])
             assert rest == [episode.rewards[k], episode.terminations[k], episode.truncations[k]]
+        assert sorted(episode.infos) == sorted(infos[0])
+        assert sum(value.nbytes for value in episode.infos.values()) < 20_000
         for key in infos[0]:
             np.testing.assert_array_equal(episode.infos[key], [info[key] for info in infos])

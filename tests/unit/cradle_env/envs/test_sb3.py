@@ -12,8 +12,9 @@ pytest.importorskip("stable_baselines3")
 
 from gymnasium.utils.env_checker import data_equivalence
 from stable_baselines3 import PPO, SAC
+from stable_baselines3.common.env_util import make_vec_env
 from stable_baselines3.common.evaluation import evaluate_policy
-from stable_baselines3.common.vec_env import DummyVecEnv, VecMonitor, VecNormalize
+from stable_baselines3.common.vec_env import DummyVecEnv, VecMonitor, VecNormalize, VecVideoRecorder
 
 from cradle_env.envs.sb3 import CradleVecEnv
 
@@ -81,16 +82,57 @@ def test_pictures() -> None:
     pytest.importorskip("pygame")
     cradles.reset()
     assert cradles.render().shape == (1200, 800, 3) or cradles.render().shape == (600, 1600, 3)
+    assert cradles.env_method("render", indices=[1])[0].shape == (600, 800, 3)
     cradles.close()
 
 
-def test_single_cradles_are_refused() -> None:
+def test_a_film(tmp_path) -> None:
+    pytest.importorskip("pygame")
+    moviepy = pytest.importorskip("moviepy")
+    cradles = CradleVecEnv("NewtonCradle-v0", 2, render_mode="rgb_array", **SHORT)
+    films = VecVideoRecorder(cradles, str(tmp_path), record_video_trigger=lambda step: step == 0, video_length=5)
+    films.reset()
+    for _ in range(6):
+        films.step(np.zeros((2, 2)))
+    films.close()
+    (film,) = tmp_path.glob("*.mp4")
+    with moviepy.VideoFileClip(str(film)) as clip:
+        assert (clip.size, clip.fps) == ([800, 1200], 10)  # one cradle above the other, ten steps a second
+
+
+def test_a_vector_environment_that_is_made() -> None:
+    native = gym.make_vec("NewtonCradle-v0", 3, autoreset_mode="SameStep", **SHORT)
+    np.testing.assert_array_equal(CradleVecEnv(native).reset().shape, (3, 11))
+    for mode in ("NextStep", "Disabled"):
+        for make in (
+            lambda mode=mode: CradleVecEnv(gym.make_vec("NewtonCradle-v0", 2, autoreset_mode=mode)),
+            lambda mode=mode: CradleVecEnv("NewtonCradle-v0", 2, autoreset_mode=mode),
+        ):
+            with pytest.raises(ValueError, match=f'autoreset_mode is "{mode}"; Stable-Baselines3 takes "SameStep"'):
+                make()
+    with pytest.raises(TypeError, match="num_envs and settings belong to a name"):
+        CradleVecEnv(native, bobs=2)
+
+
+@pytest.mark.parametrize("name", ["NewtonCradle-v0", "NewtonCradleRelease-v0"])
+def test_names_are_enough(name: str) -> None:
+    """As Stable-Baselines3 makes environments by itself, with pictures."""
+    vector = make_vec_env(name, n_envs=2, env_kwargs={"bobs": 2, "duration": 2.0})
+    assert vector.render_mode == "rgb_array"
+    for env in (vector, name):
+        assert PPO("MlpPolicy", env, n_steps=8, batch_size=8, n_epochs=1, device="cpu").learn(16).num_timesteps >= 16
+    assert vector.render().shape[-1] == 3
+    vector.close()
+
+
+def test_single_cradles_are_asked() -> None:
     cradles = CradleVecEnv("NewtonCradle-v0", 2, bobs=2)
-    assert cradles.get_attr("num_envs") == [2, 2] and cradles.get_attr("num_envs", 0) == [2]
+    assert [settings.bobs for settings in cradles.get_attr("settings", 0)] == [2]
+    assert cradles.has_attr("settings") and not cradles.has_attr("nothing")
     assert cradles.env_is_wrapped(gym.wrappers.TimeLimit) == [False, False]
-    with pytest.raises(NotImplementedError, match="bobs cannot be set to 3; make a CradleVecEnv with it"):
+    with pytest.raises(AttributeError, match="bobs is a setting, fixed"):
         cradles.set_attr("bobs", 3)
-    with pytest.raises(NotImplementedError, match="get_state cannot be called on single cradles"):
+    with pytest.raises(AttributeError, match="get_state is none of settings"):
         cradles.env_method("get_state")
     cradles.set_options([{"delta": 0.0}, {"delta": 0.01}])
     with pytest.raises(ValueError, match="different options"):
