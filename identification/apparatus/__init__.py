@@ -12,6 +12,7 @@ _PUBLIC = {
     "Measurement": "measurement",
     "Value": "measurement",
     "measure_ringdown": "ringdown.measure",
+    "measure_string": "string.measure",
 }
 
 __all__ = [*_PUBLIC]

@@ -66,6 +66,23 @@ def ringdown(
     )
 
 
+@measure.command()
+def string(
+    files: Annotated[
+        list[Path],
+        typer.Argument(metavar="FILE...", help="CSV files with columns displacement [mm] and force [N], and t [s] where"
+                       " the speed matters."),
+    ],
+    out: Out,
+    seed: HiddenSeed = 0,
+    workers: NoWorkers = None,
+) -> None:  # fmt: skip
+    """Stiffness κ of a string and its hysteresis, from cycles of force against displacement."""
+    from identification.apparatus.string.measure import measure_string
+
+    _run("string", out, lambda progress: measure_string(files, progress=progress))
+
+
 def _run(kind: str, out: Path, work: Callable[[Progress], Measurement]) -> None:
     """Measures and writes what was found, and shows it; holds the folder meanwhile."""
     from identification.apparatus.measurement_files import check_folder, save

@@ -22,6 +22,7 @@ from scipy.optimize import least_squares
 from cradle_env.cradle import Cradle
 from cradle_env.release import InitialState
 from cradle_env.simulation import simulate
+from identification.apparatus.residuals import correlation_of
 from identification.apparatus.ringdown.swings import Swing
 
 #: Terms of the damping beside b, by the name of the effect that they are, and their parameter.
@@ -156,20 +157,6 @@ def _descend(
     variance = rss / max(len(left) - len(unit), 1) * inflation
     covariance = np.linalg.pinv(found.jac.T @ found.jac) * variance * np.outer(scales, scales)
     return Fit(swing, terms, parameters, covariance, inflation, rss, model)
-
-
-def correlation_of(residual: np.ndarray) -> float:
-    """How many successive residuals count for one: 1 + 2 Σ of their correlations, up to where these end; at least 1."""
-    centred = residual - residual.mean()
-    size = 1 << (2 * len(centred) - 1).bit_length()
-    spectrum = np.fft.rfft(centred, size)
-    correlations = np.fft.irfft(spectrum * np.conj(spectrum), size)[: len(centred)]
-    if correlations[0] <= 0.0:
-        return 1.0
-    correlations = correlations / correlations[0]
-    times = 2.0 * np.cumsum(correlations) - 1.0
-    ends = np.flatnonzero(np.arange(len(times)) >= 5.0 * times)  # Sokal's window
-    return max(1.0, float(times[ends[0]] if len(ends) else times[-1]))
 
 
 def amplitudes(swing: Swing, angle: np.ndarray, period: float) -> tuple[np.ndarray, np.ndarray]:

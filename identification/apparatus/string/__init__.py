@@ -1,0 +1,1 @@
+"""Strings: force against displacement, the stiffness of loading, and what unloading takes."""
