@@ -11,6 +11,7 @@ import importlib
 _PUBLIC = {
     "Measurement": "measurement",
     "Value": "measurement",
+    "measure_impacts": "impacts.measure",
     "measure_ringdown": "ringdown.measure",
     "measure_string": "string.measure",
 }

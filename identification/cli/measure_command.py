@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from identification.cli.options import NoWorkers, Out
+from identification.cli.options import NoWorkers, Out, Seed
 
 if TYPE_CHECKING:
     from cradle_env.cradle import Cradle
@@ -81,6 +81,26 @@ def string(
     from identification.apparatus.string.measure import measure_string
 
     _run("string", out, lambda progress: measure_string(files, progress=progress))
+
+
+@measure.command()
+def impacts(
+    files: Annotated[
+        list[Path],
+        typer.Argument(metavar="FILE...", help="Tables with columns v1 [m/s] and v3 [m/s] (the third of three bobs,"
+                       " after the impact), or v [m/s] and duration [us] of two; or recordings of bobs."),
+    ],
+    out: Out,
+    source: From = None,
+    set_: Set = None,
+    seed: Seed = 0,
+    workers: NoWorkers = None,
+) -> None:  # fmt: skip
+    """Dissipation k_f of a contact and e(v), from speeds before and after impacts and from contact durations."""
+    from identification.apparatus.impacts.measure import measure_impacts
+
+    cradle = _cradle(source, set_)
+    _run("impacts", out, lambda progress: measure_impacts(files, cradle, seed=seed, progress=progress))
 
 
 def _run(kind: str, out: Path, work: Callable[[Progress], Measurement]) -> None:
