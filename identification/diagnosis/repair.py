@@ -11,7 +11,8 @@ import numpy as np
 
 from cradle_env.effects import effect
 from identification.diagnosis.criteria import MISSPECIFIED_GAP, Criteria, fails_prediction
-from identification.diagnosis.learned_law.law import LearnedLaw, can_outdo, evidence_over_effects, learn_law
+from identification.diagnosis.learned_law.law import LearnedLaw, can_outdo, evidence_over_effects
+from identification.diagnosis.learned_law.learning import learn_law
 from identification.diagnosis.selection.candidates import Candidate, candidate_of_effect, without_effect
 from identification.diagnosis.selection.inner_validation import predictions
 from identification.diagnosis.selection.model_comparison import (

@@ -1,4 +1,4 @@
-"""The files of a diagnosis: diagnosis.json, model.toml and report.html, one page that opens offline."""
+"""The files of a diagnosis: diagnosis.json, model.toml, and report.html, one page that opens offline."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 from cradle_env.effects import effect
 from cradle_env.plot_style import png
 from identification.diagnosis.criteria import exceeds_allowed_gap
+from identification.diagnosis.diagnosis_content import FORMAT
 from identification.diagnosis.figures import (
     candidates_figure,
     comparison_figure,
@@ -28,8 +29,6 @@ from identification.storage.stamps import check_own, write_listed
 if TYPE_CHECKING:
     from identification.diagnosis.result import Diagnosis
 
-#: What diagnosis.json is marked with.
-FORMAT = "cradle-diagnosis/1"
 #: The file that is written last, and marks a folder as that of a diagnosis.
 _STAMP = "diagnosis.json"
 _FILES = ("report.html", "model.toml")
@@ -42,12 +41,12 @@ _MAX_SHIFT_SD = 100.0
 
 
 def check_folder(folder: Path) -> None:
-    """ExperimentError where a folder holds files that a diagnosis would replace and has not written."""
+    """Raises ExperimentError if a folder holds files that a diagnosis would replace but did not write."""
     check_own(folder, (_STAMP, *_FILES), _STAMP, FORMAT)
 
 
 def save(diagnosis: Diagnosis, folder: Path, progress: Progress | None = None) -> dict[str, Any]:
-    """Writes report.html, model.toml and, last, diagnosis.json, whose content it returns."""
+    """Writes report.html, model.toml and last diagnosis.json, and returns the content of the latter."""
     content = diagnosis.content(progress)
     if progress:
         progress("draw", 0.0, "the report")
@@ -56,7 +55,7 @@ def save(diagnosis: Diagnosis, folder: Path, progress: Progress | None = None) -
 
 
 def render_report(diagnosis: Diagnosis, content: Mapping[str, Any]) -> str:
-    """The report. content: that of diagnosis.json."""
+    """The report as HTML. content: of diagnosis.json."""
     first, advice = diagnosis.repaired.examined[0], diagnosis.advice
     pictures = {
         **({"map": map_figure(first)} if window_tests(first) else {}),
@@ -102,7 +101,7 @@ def render_report(diagnosis: Diagnosis, content: Mapping[str, Any]) -> str:
 
 
 def _law_context(law: Mapping[str, Any] | None) -> dict[str, Any] | None:
-    """A learned law as the page shows it."""
+    """A learned law for the page's template."""
     if law is None:
         return None
     terms = []
@@ -114,13 +113,13 @@ def _law_context(law: Mapping[str, Any] | None) -> dict[str, Any] | None:
 
 
 def _limits_context(diagnosis: Diagnosis) -> dict[str, Any]:
-    """What the data may hide, as far as it matters: symbols of the unknowns, and rows of the effects."""
+    """Detection limits for the page's template: symbols of the unknowns, and rows of effects that could bias them."""
     symbols = {u.name: markup(u.symbol) for u in diagnosis.final.likelihood.unknowns}
     names, rows = next((list(one.shifts_sd) for one in diagnosis.detection_limits if one.shifts_sd), []), []
     for one in diagnosis.detection_limits:
         name = one.effect + (", all alike" if one.shared else "")
         if one.limit is None:
-            rows.append({"name": name, "limit": None, "moves": ["–" for _ in names]})
+            rows.append({"name": name, "limit": None, "shifts": ["–" for _ in names]})
         elif max(map(abs, one.shifts_sd.values())) >= _MIN_SHIFT_SD:
             least = math.isinf(one.parameter.absent)
             bar = "" if one.parameter.one_sided else "|"
@@ -129,7 +128,7 @@ def _limits_context(diagnosis: Diagnosis) -> dict[str, Any]:
                 "name": name, "symbol": bar + markup(one.parameter.symbol) + bar,
                 "sign": "≥" if least else "≤", "limit": rounding.text(abs(one.limit)),
                 "unit": unit_markup(one.parameter.unit, rounding.exponent),
-                "moves": [_format_shift(shift) for shift in one.shifts_sd.values()],
+                "shifts": [_format_shift(shift) for shift in one.shifts_sd.values()],
             })  # fmt: skip
     return {"symbols": [symbols[name] for name in names], "rows": rows}
 
@@ -152,35 +151,36 @@ def verdict_sentence(content: Mapping[str, Any]) -> str:
     """The verdict in words."""
     names = ", ".join(step["effect"] for step in content["steps"])
     gaps = f"the held-out gap goes from {ratio(content['gap_first'])} to {ratio(content['gap_last'])}"
-    left = content["remainder"]
-    departs = (
-        f" What was held out departs more than noise and what is open of the unknowns allow (at most"
-        f" {ratio(content['gap_allowed'])}): something else is missing, or stands behind what was found."
+    remainder = content["remainder"]
+    fails = (
+        f" But the held-out residual is {ratio(content['gap_last'])} × noise. A right model with these uncertainties"
+        f" stays below {ratio(content['gap_allowed'])} in 99 of 100 experiments, so something else is missing."
         if _fails_prediction(content)
         else ""
     )
     rest = (
-        f" Something is still left (p = {_format_number(left['p'])}): {left['described']}."
-        if left["significant"]
+        f" The residuals still hold more than noise (p = {_format_number(remainder['p'])}): {remainder['described']}."
+        if remainder["significant"]
         else ""
     )
     if content["verdict"] == "nothing_missing":
-        return (
-            f"Nothing is missing: what the model leaves is noise (held-out gap {ratio(content['gap_last'])}).{departs}"
-        )
+        return f"Nothing is missing: the residuals are noise (held-out gap {ratio(content['gap_last'])}).{fails}"
     if content["verdict"] == "named":
         them = "it" if len(content["steps"]) == 1 else "them"
-        return f"Missing from the model: {names}; with {them}, {gaps}.{rest}{departs}"
+        return f"Missing from the model: {names}; with {them}, {gaps}.{rest}{fails}"
     if content["verdict"] == "equivalent":
         sets = " or ".join(" with ".join(members) for members in content["equivalent"])
-        certain = f"Missing from the model: {names}, and besides" if names else "Missing from the model:"
-        return f"{certain} one of {sets}, which these data cannot tell apart; {gaps}.{rest}{departs}"
-    law = "" if left["law"] is None else f" With a law learned from the data, {gaps}."
-    return f"Something is missing, and it is no effect of the catalogue.{law}{rest}"
+        certain = f"Missing from the model: {names}, and one of" if names else "Missing from the model: one of"
+        return f"{certain} {sets}, which these data do not tell apart; {gaps}.{rest}{fails}"
+    law = "" if remainder["law"] is None else f" With a law learned from the data, {gaps}."
+    return f"Something is missing that is no effect of the catalogue.{law}{rest}"
 
 
 def _fails_prediction(content: Mapping[str, Any]) -> bool:
-    """Whether the repaired model fails on what was held out, however far it is from the noise."""
+    """Whether the repaired model fails on the held-out data.
+
+    It tests misspecified models, too, unlike `criteria.fails_prediction`: the reader wants to know.
+    """
     return exceeds_allowed_gap(content["gap_last"], content["gap_allowed"])
 
 
@@ -193,7 +193,7 @@ def _format_probability(value: float) -> str:
 
 
 def _base_rows(diagnosis: Diagnosis, values: Mapping[str, float]) -> list[tuple[str, str, str]]:
-    """(symbol, value, unit) of the base model's unknowns of the cradle."""
+    """(symbol, value, unit) of the cradle's unknowns in the base model."""
     unknowns = [u for u in diagnosis.base.likelihood.unknowns if not u.nuisance]
     rows = []
     for u in unknowns:
@@ -203,11 +203,11 @@ def _base_rows(diagnosis: Diagnosis, values: Mapping[str, float]) -> list[tuple[
 
 
 def _interval_rows(diagnosis: Diagnosis) -> list[tuple[str, str, str, str, str]]:
-    """(symbol, name, median, 95 % interval, unit) of the repaired model's unknowns of the cradle."""
+    """(symbol, name, median, 95 % interval, unit) of the cradle's unknowns in the repaired model."""
     rows = []
     for u in diagnosis.final.likelihood.unknowns:
         if not u.nuisance:
-            found = diagnosis.parameters[u.name]
-            median, interval, exponent = estimate(found.median, found.ci95)
+            own = diagnosis.parameters[u.name]
+            median, interval, exponent = estimate(own.median, own.ci95)
             rows.append((markup(u.symbol), u.name, median, interval, unit_markup(u.unit, exponent)))
     return rows

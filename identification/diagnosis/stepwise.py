@@ -8,7 +8,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from identification.diagnosis.criteria import DEFAULT_CRITERIA, Criteria, only_noise
-from identification.diagnosis.learned_law.law import LearnedLaw, learn_law
+from identification.diagnosis.learned_law.law import LearnedLaw
+from identification.diagnosis.learned_law.learning import learn_law
 from identification.diagnosis.residuals.residual_tests import ResidualScan, replicate_p_value, scan_residuals
 from identification.diagnosis.selection.candidates import list_candidates
 from identification.diagnosis.selection.model_comparison import (

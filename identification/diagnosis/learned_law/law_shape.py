@@ -1,4 +1,4 @@
-"""What a learned law is as a function: curves with their uncertainty over the range that the data visit, and words."""
+"""A learned law as functions: curves with their confidence bands over the range of the data."""
 
 from __future__ import annotations
 
@@ -11,7 +11,6 @@ import numpy as np
 from scipy.integrate import trapezoid
 
 from cradle_env.constitutive import restitution_curve
-from cradle_env.effects import effect
 from cradle_env.effects.learned_force import IN_TIME, SCALES, force, learned_force
 from cradle_env.effects.learned_force import TERMS as OF_FORCE
 from cradle_env.effects.learned_impact import learned_impact
@@ -21,10 +20,8 @@ from cradle_env.mechanics.layout import PAIR_DECAYS
 from cradle_env.simulation import simulate
 from identification.diagnosis.learned_law.law import LearnedLaw
 from identification.diagnosis.learned_law.terms import FREQUENCY
-from identification.diagnosis.uncertainty.intervals import Interval
 from identification.inference.fit_result import Fitted
 from identification.inference.likelihood import STEP_FACTOR
-from identification.number_format import minus
 
 #: Points of a curve.
 _POINTS = 121
@@ -32,10 +29,6 @@ _POINTS = 121
 _STEP = 1e-3
 #: Half width of a normal distribution's central 95 % [standard deviations].
 _SIGMAS = 1.96
-#: Share of the largest curve of its unit from which a curve is described.
-_WORTH = 0.1
-#: Least over largest speed lost at an impact from which the loss is described as constant.
-_SAME = 0.8
 #: Largest gap at which a force between neighbours is drawn [radii of a bob].
 _MAX_GAP = 2.0
 #: Periods of a periodic force that are drawn.
@@ -44,8 +37,11 @@ _PERIODS = 2.0
 
 @dataclass(frozen=True, eq=False)
 class Curve:
-    """One function of a law: of what (title), its axes, x (M,), y (M,) and half width of its 95 % band (M,), and what
-    the model without the law has there (M,); within: what it can be."""
+    """One function of a law.
+
+    x, y, band (M,): band is the half width of the 95 % confidence band. without (M,): the function in the model without
+    the law. within: bounds of y.
+    """
 
     title: str
     x_label: str
@@ -58,7 +54,7 @@ class Curve:
 
 
 class LawShape:
-    """The functions of a law as fitted, and words for them."""
+    """The functions of a law as fitted."""
 
     def __init__(self, law: LearnedLaw, fitted: Fitted):
         self.law, self.fitted, self.cradle = law, fitted, fitted.cradle
@@ -76,21 +72,21 @@ class LawShape:
     def _curve(
         self,
         name: str,
-        which: int,
+        element: int,
         basis: Callable[[str], np.ndarray],
-        beside: tuple[str, np.ndarray] | None = None,
+        uncertain: tuple[str, np.ndarray] | None = None,
     ) -> tuple[np.ndarray, np.ndarray]:
-        """(sum, half width of its band) of basis(key) times the coefficients of one bob or pair (from 1).
+        """(sum, half width of its 95 % band) of basis(key) times the coefficients of one bob or pair (from 1).
 
-        beside: an unknown of the model and the change of the function where it changes by its own size, for the band
-        alone.
+        uncertain: name of an unknown of the model, and the change of the function when that unknown changes by its own
+        size. It widens the band.
         """
         rows, coefficients, indices = [], [], []
-        if beside is not None and beside[0] in self.indices:
-            rows, coefficients = [beside[1] / self.fitted.scale_of(beside[0])], [0.0]
-            indices = [self.indices[beside[0]]]
+        if uncertain is not None and uncertain[0] in self.indices:
+            rows, coefficients = [uncertain[1] / self.fitted.scale_of(uncertain[0])], [0.0]
+            indices = [self.indices[uncertain[0]]]
         for term in self.law.terms:
-            if term.effect == name and term.element in (0, which):
+            if term.effect == name and term.element in (0, element):
                 rows.append(basis(term.key))
                 coefficients.append(self.fitted.values[term.name])
                 indices.append(self.indices[term.name])
@@ -99,24 +95,24 @@ class LawShape:
         return np.array(coefficients) @ A, _SIGMAS * sd
 
     def _acts_on(self, name: str) -> list[int]:
-        """Bobs or pairs (from 1) that a law of this kind acts on."""
+        """Bobs or pairs (from 1) that the terms of an effect act on."""
         terms = [term for term in self.law.terms if term.effect == name]
         count = self.cradle.bobs - (name == learned_pair.name)
         return [i for i in range(1, count + 1) if any(term.element in (0, i) for term in terms)]
 
     def curves(self) -> list[Curve]:
-        """All of them, bob by bob, pair by pair."""
-        found = []
+        """All curves, bob by bob, then pair by pair, then of impacts."""
+        curves = []
         for bob in self._shown_elements(learned_force.name):
-            found += [*self._curves_of_bob(bob), *self._periodic_curves(bob)]
+            curves += [*self._curves_of_bob(bob), *self._periodic_curves(bob)]
         for pair in self._shown_elements(learned_pair.name):
-            found += self._curves_of_pair(pair)
+            curves += self._curves_of_pair(pair)
         if self._acts_on_impacts():
-            found.append(self._impact_curve())
-        return found
+            curves.append(self._impact_curve())
+        return curves
 
     def _shown_elements(self, name: str) -> list[int]:
-        """The bobs or pairs to show: one for all where all have the same."""
+        """Bobs or pairs to show: the first one if all have the same curve."""
         several = self._acts_on(name)
         return several[:1] if all(t.element == 0 for t in self.law.terms if t.effect == name) else several
 
@@ -126,8 +122,10 @@ class LawShape:
         return f"every {one}" if common else f"{one} {number}" if one == "bob" else f"{one} {number} and {number + 1}"
 
     def _force(self, key: str, theta: np.ndarray, v: np.ndarray) -> np.ndarray:
-        """Force along the string and along the swing [N], (2, M), of one term with coefficient 1 N; those in time have
-        curves of their own."""
+        """Force along the string and along the swing [N], (2, M), of one term with coefficient 1 N.
+
+        Periodic terms have curves of their own, and give 0 here.
+        """
         scales = [self._effect_values(learned_force.name, key) for key in SCALES]
         parameters = [*scales, *(float(other == key and key not in IN_TIME) for other in OF_FORCE)]
         return np.array([force(0.0, 0.0, a, 0.0, b, parameters) for a, b in zip(theta, v, strict=True)]).T
@@ -149,7 +147,7 @@ class LawShape:
         ripple = np.linspace(0.0, float(np.max(np.abs(self.motion.r_dot[:, bob - 1]))), _POINTS)
         speed = self._effect_values(name, "speed")
         along, along_width = self._curve(name, bob, lambda k: ripple / speed * float(k == "radial"))
-        lift, lift_width = self._curve(  # what acts at rest stands in the curve by angle
+        lift, lift_width = self._curve(  # the force at rest is in the curve by angle
             name,
             bob,
             lambda k: (0.5 * (self._force(k, rest, v) + self._force(k, rest, -v)) - self._force(k, rest, rest))[1],
@@ -163,12 +161,10 @@ class LawShape:
                   1e3 * along_width),
             Curve(f"{who}: the same both ways, by speed", "speed [m/s]", "force [mN]", v, 1e3 * lift, 1e3 * lift_width),
         ]  # fmt: skip
-        return [
-            curve for curve, own in zip(curves, (against, push, pull, along, lift), strict=True) if _peak(own) > 0.0
-        ]
+        return [curve for curve, own in zip(curves, (against, push, pull, along, lift), strict=True) if peak(own) > 0.0]
 
     def _periodic_curves(self, bob: int) -> list[Curve]:
-        """What swings by itself, over its first periods; in the band, the uncertainty of the frequency."""
+        """The periodic force over its first periods; the band includes the uncertainty of the frequency."""
         if not any(term.in_time and term.element in (0, bob) for term in self.law.terms):
             return []
         name, frequency = learned_force.name, self.fitted.values[FREQUENCY]
@@ -204,7 +200,7 @@ class LawShape:
             y, band = self._curve(
                 name, pair, lambda k, kind=kind: np.exp(-decays[k] * gap) * float(k.startswith(kind))
             )  # fmt: skip
-            if _peak(y) > 0.0:
+            if peak(y) > 0.0:
                 millimetres = 1e3 * self.cradle.radius * gap
                 curves.append(Curve(f"{who}: {title}", "gap [mm]", unit, millimetres, scale * y, scale * band))
         return curves
@@ -225,7 +221,7 @@ class LawShape:
         return Curve("impacts: restitution", "impact speed [m/s]", "e", v, e, band, without, (0.0, 1.0))
 
     def energy_taken(self) -> float:
-        """What the forces of the law on single bobs take of the first run, from its start on [J]; < 0: they give."""
+        """Energy [J] that the law's forces on single bobs take from the first run; negative if they add energy."""
         name = learned_force.name
         if not self.cradle.has(name):
             return 0.0
@@ -240,89 +236,7 @@ class LawShape:
             total -= float(trapezoid(forces[:, 0] * motion.r_dot[:, i] + forces[:, 1] * v, motion.t))
         return total
 
-    def words(self) -> list[str]:
-        """Each curve that matters, in words."""
-        curves = self.curves()
-        sizes = [_peak(_law_part(curve)) for curve in curves]
-        said = []
-        for curve, size in zip(curves, sizes, strict=True):
-            rivals = [s for other, s in zip(curves, sizes, strict=True) if other.y_label == curve.y_label]
-            if size >= _WORTH * max(rivals):
-                said.append(_describe_curve(curve))
-        return said
 
-
-def _law_part(curve: Curve) -> np.ndarray:
-    return curve.y if curve.without is None else curve.y - curve.without
-
-
-def _peak(values: np.ndarray) -> float:
+def peak(values: np.ndarray) -> float:
+    """Largest absolute value."""
     return float(np.max(np.abs(values)))
-
-
-def _describe_curve(curve: Curve) -> str:
-    who, _, what = curve.title.partition(": ")
-    unit = curve.y_label.partition("[")[2].rstrip("]")
-    added = _law_part(curve)
-    k = int(np.argmax(np.abs(added)))
-    peak, signed = added[k], minus(f"{added[k]:+.2g}")
-    at = f"{minus(f'{curve.x[k]:.3g}')} {curve.x_label.partition('[')[2].rstrip(']')}"
-    if what.startswith("against motion along"):
-        way = "against" if peak > 0.0 else "with"
-        return f"on {who}, a force {way} its motion along the string, up to {abs(peak):.2g} {unit} at {at}"
-    if what.startswith("against"):
-        sense = "more" if peak > 0.0 else "less"
-        return (
-            f"on {who}, a force against the motion, {_speed_dependence(curve)}, up to {_peak(curve.y):.2g} {unit};"
-            f" at {at} {abs(peak):.2g} {unit} {sense} than the drag b of the model without it"
-        )
-    if what.startswith("swinging"):
-        return f"on {who}, a horizontal force {what}, up to {_peak(curve.y):.2g} {unit}: as in a room that shakes"
-    if what.startswith("at rest"):
-        odd, even = 0.5 * (added - added[::-1]), 0.5 * (added + added[::-1])
-        if _peak(odd) > 2.0 * _peak(even):
-            way = "towards the middle" if odd[-1] < 0.0 else "away from the middle"
-            extent = "the same" if _peak(even) < _WORTH * _peak(odd) else "about the same"
-            return f"on {who}, a push {way} by up to {_peak(odd):.2g} {unit}, {extent} on both sides"
-        if _peak(even) > 2.0 * _peak(odd):
-            return f"on {who}, a push to one side at any angle, {signed} {unit} at {at}"
-        return f"on {who}, a push that depends on the angle, {signed} {unit} at {at}"
-    if what.startswith("pull"):
-        return f"on {who}, a pull along the string that depends on the angle, {signed} {unit} at {at}"
-    if what.startswith("the same both ways"):
-        return f"on {who}, a push to one side whichever way it moves, {signed} {unit} at {at}"
-    if what == "restitution":
-        taken = ((1.0 - curve.y) * curve.x)[curve.y > 0.0]
-        if taken.size and taken.min() > _SAME * taken.max() > 0.0:
-            return f"every impact takes about the same speed, {1e3 * np.median(taken):.2g} mm/s, as between wet balls"
-        return f"at impacts, e departs from that of the model without the law by {signed} at {at}"
-    return f"between {who}: {what}, {signed} {unit} at a gap of {at}"
-
-
-def _speed_dependence(curve: Curve) -> str:
-    """How the force of a curve goes with speed."""
-    y, half = curve.y, len(curve.y) // 2
-    k = int(np.argmax(np.abs(y)))
-    if k < 0.8 * len(y):
-        return f"largest at {curve.x[k]:.2g} m/s"
-    if y[-1] * y[half] <= 0.0:
-        return "that turns its sign on the way"
-    power = math.log2(y[-1] / y[half])
-    if power < 0.25:
-        return "nearly the same at all speeds"
-    return f"that grows about as the power {power:.1f} of the speed"
-
-
-def describe_terms(law: LearnedLaw, found: dict[str, Interval]) -> list[dict[str, Any]]:
-    """The terms with their coefficients, as in diagnosis.json."""
-    declared = {e.name: {p.key: p for p in e.parameters} for e in map(effect, {t.effect for t in law.terms})}
-    return [
-        {
-            "name": term.name,
-            "meaning": declared[term.effect][term.key].meaning,
-            "unit": found[term.name].unit,
-            "median": found[term.name].median,
-            "ci95": list(found[term.name].ci95),
-        }
-        for term in law.terms
-    ]

@@ -1,8 +1,8 @@
-"""Terms in time: a horizontal force that swings by itself, as in a room that shakes, and how its frequency is found.
+"""Periodic terms: a horizontal force with a frequency of its own, as in a room that shakes, and how to find it.
 
-In a window the readings answer to a force e^{iωs}, s counted from the window's middle, by a function of ω that is
-smooth over the inverse of the window's width: it is had at few frequencies, and between them by splines. Turned by
-e^{iωt}, t being the middle of each window, it is the answer to one force over the whole run, at any frequency.
+A force e^{iωs}, s counted from the middle of a window, changes the readings of the window by a smooth function of ω; it
+varies over the inverse width of the window. So a few simulated frequencies and splines give it at any frequency.
+Multiplied by e^{iωt}, t the middle of each window, it is the response to one force over the whole run.
 """
 
 from __future__ import annotations
@@ -33,19 +33,20 @@ _CHUNK = 32
 def add_periodic_terms(
     linear: LinearModel, scales: Scales, subset: tuple[int, ...]
 ) -> tuple[LinearModel, Scales] | None:
-    """The linear model of a fit in windows with the terms in time as well, and scales with their frequency: that of the
-    force, the same on all bobs, which explains most of what a subset of the other terms leaves.
+    """The linear model of a fit in windows with periodic terms added, and scales with their frequency.
 
-    None where there is more than one run, for a room keeps no time with releases, or where the run is too short.
+    The frequency is that of the force, equal on all bobs, that saves most χ² together with a subset of the other terms.
+    Returns None for several runs, because the phase of a shaking room is unrelated from run to run, and for a run that
+    is too short.
     """
     fitted = linear.fitted
     times, period = fitted.readings.time, fitted.cradle.period
-    sought = frequency_grid(float(np.ptp(times)), period)
+    frequencies = frequency_grid(float(np.ptp(times)), period)
     assert isinstance(fitted, MultipleShootingFit)
-    if len(set(fitted.origins)) > 1 or len(fitted.origins) < 2 or len(sought) == 0:
+    if len(set(fitted.origins)) > 1 or len(fitted.origins) < 2 or len(frequencies) == 0:
         return None
     begin, width = _window_starts(fitted)
-    coarse = np.arange(sought[0], sought[-1] + 1.0, 1.0 / (_COARSE * width))
+    coarse = np.arange(frequencies[0], frequencies[-1] + 1.0, 1.0 / (_COARSE * width))
     push = linear.columns[:, linear.terms.index(Term(learned_force.name, "push", 0))]
     step = TARGET_SHIFT / float(np.sqrt(np.mean(push**2)))
 
@@ -59,37 +60,39 @@ def add_periodic_terms(
     b = fitted.jacobian[:, [fitted.likelihood.names.index("b")]]
     basis = span(np.column_stack([linear.basis, b, linear.columns[:, others]]))
     saved = []
-    for several in np.array_split(sought, -(-len(sought) // _CHUNK)):
+    for several in np.array_split(frequencies, -(-len(frequencies) // _CHUNK)):
         waves = between(several) * np.exp(2j * np.pi * np.outer(several, middle))
         saved += [*_wave_gains(waves, basis, fitted.residuals)]
-    scales = {**scales, "frequency": float(sought[np.argmax(saved)])}
+    scales = {**scales, "frequency": float(frequencies[np.argmax(saved)])}
     terms, columns = [term for term in library(fitted.cradle) if term.in_time], []
-    for which in dict.fromkeys(term.element for term in terms):
-        wave = _force_response(fitted, scales, which, step) * np.exp(2j * np.pi * scales["frequency"] * begin)
+    for element in dict.fromkeys(term.element for term in terms):
+        wave = _force_response(fitted, scales, element, step) * np.exp(2j * np.pi * scales["frequency"] * begin)
         columns += [np.real(wave), np.imag(wave)]
     return linear.with_columns(terms, np.column_stack(columns)), scales
 
 
 def _window_starts(fitted: Fitted) -> tuple[np.ndarray, float]:
-    """(when the window of each residual begins, counted from the run [s], (R + P,); width of windows [s])."""
+    """(start of each residual's window, counted from that of the run [s], (R + P,); width of the windows [s])."""
     likelihood = fitted.likelihood
     starts = np.array([likelihood.beginning(fitted.values, k)[1] for k in range(len(likelihood.rows))])
     begin = np.append(starts - starts[0], 0.0)
-    run = np.full(len(fitted.residuals), len(starts))  # priors do not move
+    run = np.full(len(fitted.residuals), len(starts))  # residuals of priors do not change
     run[: fitted.count] = fitted.readings.run
     return begin[run], float(np.median(np.diff(starts)))
 
 
-def _force_response(fitted: Fitted, scales: Scales, which: int, step: float) -> np.ndarray:
-    """d residuals / d force e^{iωs}, s from the start of each window, (R + P,), complex."""
-    cosine, sine = (residual_derivative(fitted, scales, Term(learned_force.name, key, which), step) for key in IN_TIME)
+def _force_response(fitted: Fitted, scales: Scales, element: int, step: float) -> np.ndarray:
+    """d residuals / d force e^{iωs}, s counted from the start of each window, (R + P,), complex."""
+    cosine, sine = (
+        residual_derivative(fitted, scales, Term(learned_force.name, key, element), step) for key in IN_TIME
+    )
     return cosine + 1j * sine
 
 
 def _wave_gains(waves: np.ndarray, basis: np.ndarray, residuals: np.ndarray) -> np.ndarray:
-    """χ² that the real and imaginary part of each wave (F, R + P) save beside a basis (R + P, K), (F,)."""
+    """χ² (F,) that the real and imaginary part of each wave (F, R + P) save after projection off a basis (R + P, K)."""
     pairs = np.stack([np.real(waves), np.imag(waves)], axis=1)
-    left = pairs - (pairs @ basis) @ basis.T
-    h = left @ residuals
-    G = left @ np.swapaxes(left, 1, 2)
+    visible = pairs - (pairs @ basis) @ basis.T
+    h = visible @ residuals
+    G = visible @ np.swapaxes(visible, 1, 2)
     return np.einsum("fa,fab,fb->f", h, np.linalg.inv(G), h)

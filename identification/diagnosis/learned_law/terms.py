@@ -1,7 +1,9 @@
-"""The library of the learned laws, and which few of its terms explain the most: best subsets of the linear model.
+"""The library of terms of learned laws, and best subsets of them in a linear model of the residuals.
 
-Readings move by S c for coefficients c; S⊥ is what the fitted unknowns leave of S, and with G = S⊥ᵀS⊥, h = −S⊥ᵀr a
-subset saves the χ² hᵀG⁻¹h, its rows and columns alone. Drag b stays in G, at place 0, for it cannot fall below zero.
+Coefficients c change the residuals r by S c. S⊥ is the part of S that a refit of the unknowns leaves. With
+G = S⊥ᵀS⊥ and h = −S⊥ᵀr a subset of the terms saves the χ² hᵀG⁻¹h of its rows and columns. The drag b stays in G, at
+place 0, for it cannot become negative. Subsets grow by one term and exchange terms one at a time (Miller 2002, Subset
+Selection in Regression, section 3).
 """
 
 from __future__ import annotations
@@ -30,6 +32,8 @@ from identification.inference.noise_model import rms
 from identification.inference.nonsmooth import lengths_of
 from identification.inference.start_points import placed
 
+#: Terms of a law at most.
+MAX_TERMS = 10
 #: Share of a term's effect on the residuals that the other unknowns must not absorb.
 _MIN_VISIBLE_SHARE = 1e-3
 #: Lowest relative change of b: drag stays positive.
@@ -40,7 +44,7 @@ _STEP = 1e-6
 TARGET_SHIFT = 0.3
 #: Tries to find that step.
 _TRIES = 6
-#: The unknown that terms in time share.
+#: The unknown that periodic terms share.
 FREQUENCY = f"{learned_force.name}.frequency"
 
 Scales = Mapping[str, float]
@@ -48,7 +52,11 @@ Scales = Mapping[str, float]
 
 @dataclass(frozen=True)
 class Term:
-    """One term of a library on one bob or pair (from 1), or on all alike (0); single: there is only one value."""
+    """One term of the library.
+
+    effect, key: of its coefficient. element: the bob or pair that it acts on, from 1; 0: all, with one coefficient.
+    single: whether the coefficient has one value anyway.
+    """
 
     effect: str
     key: str
@@ -57,23 +65,23 @@ class Term:
 
     @property
     def name(self) -> str:
-        """That of its unknown."""
+        """Name of its unknown."""
         return f"{self.effect}.{self.key}" + ("" if self.single else f"[{self.element or '*'}]")
 
     @property
     def in_time(self) -> bool:
-        """Whether it is a force that swings by itself: its frequency is an unknown of the law, too."""
+        """Whether it is a periodic force, whose frequency is another unknown of the law."""
         return self.effect == learned_force.name and self.key in IN_TIME
 
     def excludes(self, other: Term) -> bool:
-        """Whether both would set the same coefficient."""
+        """Whether both set the same coefficient."""
         same = (self.effect, self.key) == (other.effect, other.key)
         return same and (self.element == other.element or not self.element or not other.element)
 
 
 def library(cradle: Cradle) -> tuple[Term, ...]:
-    """All terms that a cradle can have, those on all bobs alike first; along strings only of those that stretch."""
-    found = []
+    """All terms that a cradle can have, those on all bobs first; forces along strings need elastic strings."""
+    terms = []
     for declared in LEARNED:
         for p in declared.strengths:
             several = p.count(cradle.bobs)
@@ -81,25 +89,30 @@ def library(cradle: Cradle) -> tuple[Term, ...]:
                 continue
             if p.key in ALONG_STRINGS and not cradle.has(radial_elasticity.name):
                 continue
-            found += [Term(declared.name, p.key, i, not p.each) for i in range(1 if several == 1 else several + 1)]
-    return tuple(sorted(found, key=lambda term: term.element > 0))
+            terms += [Term(declared.name, p.key, i, not p.each) for i in range(1 if several == 1 else several + 1)]
+    return tuple(sorted(terms, key=lambda term: term.element > 0))
 
 
 def selection_cost(cradle: Cradle, terms: int) -> float:
-    """What it costs in log evidence that a law is free to choose so many terms from the library of a cradle."""
+    """Log evidence that choosing this many terms from the library costs: the logarithm of the number of choices."""
     return math.log(math.comb(len(library(cradle)), terms))
 
 
 def selection_cost_beside(fitted: Fitted, terms: int) -> float:
-    """The same beside a model that lacks them; 0 where that is far above the noise: evidence counts in what a model
-    leaves there, and no few terms are all that is missing."""
+    """The same for a law added to a fitted model; 0 if that is misspecified.
+
+    There the residuals set the scale of the evidence, and a few terms are not all that is missing.
+    """
     far = rms(fitted.residuals[: fitted.count]) > MISSPECIFIED_GAP
     return 0.0 if far else selection_cost(fitted.cradle, terms)
 
 
 def with_terms(experiment: Experiment, scales: Scales, terms: Sequence[Term]) -> Experiment:
-    """The experiment with these terms in its model, at zero and to be inferred, and with them the frequency of those in
-    time; scales: by key, of what is no coefficient."""
+    """The experiment with these terms in its model.
+
+    Their coefficients start at zero and are to be inferred, as is the frequency of periodic terms. scales: see
+    `law_scales`.
+    """
     names = dict.fromkeys(term.effect for term in terms)
     values: dict[str, dict[str, Any]] = {}
     for name in names:
@@ -114,8 +127,12 @@ def with_terms(experiment: Experiment, scales: Scales, terms: Sequence[Term]) ->
 
 @dataclass(frozen=True, eq=False)
 class LinearModel:
-    """A fit and what each term would do to its residuals: columns (R + P, K); basis (R + P, rank) of what the unknowns
-    absorb, b apart; and what is left beside them: G (1 + K', 1 + K'), h (1 + K',), of the terms `seen` (K',)."""
+    """A linear model of the residuals of a fit.
+
+    terms, columns (R + P, K): change of the residuals per coefficient of each term. basis (R + P, rank): orthonormal;
+    the part of the residuals that the unknowns absorb, b excepted. visible (K',): indices of the terms that the
+    unknowns do not absorb. G (1 + K', 1 + K'), h (1 + K',): of b and of these terms, see the module.
+    """
 
     fitted: Fitted
     terms: tuple[Term, ...]
@@ -127,7 +144,7 @@ class LinearModel:
 
     @classmethod
     def of(cls, fitted: Fitted, scales: Scales, had: Sequence[Term] = ()) -> LinearModel:
-        """Of a fit and the whole library but the terms in time, and what would set the same as the terms it has."""
+        """The linear model of all terms but periodic ones and those that the terms `had` exclude."""
         terms = tuple(
             term for term in library(fitted.cradle)
             if not term.in_time and not any(term.excludes(own) for own in had)
@@ -138,12 +155,12 @@ class LinearModel:
         return cls._with(fitted, terms, np.column_stack(columns), basis)
 
     def with_common_terms(self) -> LinearModel:
-        """With the terms alone that are common to all bobs, pairs or impacts."""
+        """The linear model of the terms that are common to all bobs, pairs or impacts."""
         common = [i for i, term in enumerate(self.terms) if not term.element]
         return self._with(self.fitted, tuple(self.terms[i] for i in common), self.columns[:, common], self.basis)
 
     def with_columns(self, terms: Sequence[Term], columns: np.ndarray) -> LinearModel:
-        """With more terms, and their columns (R + P, K)."""
+        """The linear model with more terms and their columns (R + P, K)."""
         return self._with(self.fitted, (*self.terms, *terms), np.column_stack([self.columns, columns]), self.basis)
 
     @classmethod
@@ -157,7 +174,7 @@ class LinearModel:
         return cls(fitted, terms, columns, basis, seen, left.T @ left, -left.T @ fitted.residuals)
 
     def term(self, place: int) -> Term:
-        """The term at a place of G, from 1 on."""
+        """The term at a place of G, from 1."""
         return self.terms[self.visible[place - 1]]
 
     @functools.cached_property
@@ -165,14 +182,14 @@ class LinearModel:
         return {}
 
     def chi2_gain(self, subset: tuple[int, ...]) -> float:
-        """The χ² that b and a subset save together."""
+        """χ² that b and a subset save together."""
         if subset not in self._gains:
             own, c = [0, *subset], self.coefficients(subset)
             self._gains[subset] = float(2.0 * c @ self.h[own] - c @ self.G[np.ix_(own, own)] @ c)
         return self._gains[subset]
 
     def coefficients(self, subset: tuple[int, ...]) -> np.ndarray:
-        """Of b (the change of its coordinate) and of a subset, (1 + k,)."""
+        """(1 + k,): best change of b's coordinate, then best coefficients of a subset."""
         own, least = [0, *subset], _MIN_B_CHANGE * self.fitted.scale_of("b")
         size = np.sqrt(np.diag(self.G)[own])
         size[size == 0.0] = 1.0
@@ -184,9 +201,9 @@ class LinearModel:
         return c
 
     def subset_path(self, most: int) -> list[tuple[int, ...]]:
-        """The best subset of each size, each from the one before by a term more and exchanges of one at a time."""
+        """The best subset of each size: one term is added to the last one, then terms are exchanged one at a time."""
         best: tuple[int, ...] = ()
-        found = []
+        path = []
         for _ in range(min(most, len(self.visible))):
             wider = self.supersets(best)
             if not wider:
@@ -198,18 +215,18 @@ class LinearModel:
                 if self.chi2_gain(better) <= self.chi2_gain(best) * (1.0 + 1e-9):
                     break
                 best = better
-            found.append(best)
-        return found
+            path.append(best)
+        return path
 
     def supersets(self, subset: tuple[int, ...]) -> list[tuple[int, ...]]:
-        """All subsets with one term more."""
+        """All subsets with one more term."""
         return [
             tuple(sorted((*subset, j))) for j in range(1, len(self.h))
             if not any(self.term(j).excludes(self.term(i)) for i in subset)
         ]  # fmt: skip
 
     def solve(self, subset: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:
-        """(what the linear model with a subset leaves, (R + P,), and the change of unknowns and subset, (D + k,))."""
+        """(residuals with a subset (R + P,), changes of the unknowns and coefficients of the subset (D + k,))."""
         c, J = self.coefficients(subset), self.fitted.jacobian
         b = self.fitted.likelihood.names.index("b")
         others = np.delete(J, b, axis=1)
@@ -219,14 +236,16 @@ class LinearModel:
         return left + others @ rest, np.concatenate([np.insert(rest, b, c[0]), c[1:]])
 
     def log_evidence(self, subset: tuple[int, ...], inflation: float, effective: float) -> float:
-        """Over the model alone: ½ (Δχ²/c − k ln n_eff), see `decide`, less what their choice costs; a frequency is an
-        unknown more."""
+        """Log evidence over the model alone: ½ (Δχ²/c − k ln n_eff) less the cost of choosing the terms.
+
+        The frequency of periodic terms counts as an unknown.
+        """
         unknowns = len(subset) + any(self.term(i).in_time for i in subset)
         gained = log_evidence(self.chi2_gain(subset) - self.chi2_gain(()), unknowns, inflation, effective)
         return gained - selection_cost_beside(self.fitted, len(subset))
 
     def values(self, subset: tuple[int, ...]) -> dict[str, float]:
-        """The unknowns of the cradle, and coefficients, where the linear model with a subset has its least."""
+        """Unknowns of the cradle and coefficients of a subset at the minimum of χ² in the linear model."""
         step = self.solve(subset)[1]
         values = {}
         for u, z, d in zip(self.fitted.likelihood.unknowns, self.fitted.point, step, strict=False):
@@ -237,8 +256,10 @@ class LinearModel:
 
 
 def residual_derivative(fitted: Fitted, scales: Scales, term: Term, step: float = _STEP) -> np.ndarray:
-    """d residuals / d coefficient, (R + P,), by a step [its unit] that the noise would just show, sought
-    from `step` on; 0 where it is impossible."""
+    """d residuals / d coefficient, (R + P,), by a finite difference; 0 if the term cannot be simulated.
+
+    step: first try [unit of the coefficient]; it is then adapted to change the residuals by TARGET_SHIFT.
+    """
     likelihood = Likelihood(with_terms(fitted.experiment, scales, (term,)), fitted.likelihood.rows, 1)
     moved = np.zeros(len(fitted.residuals))
     for _ in range(_TRIES):

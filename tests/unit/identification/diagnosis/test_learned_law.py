@@ -16,15 +16,13 @@ from cradle_env.model_files import read_model
 from identification import Experiment, diagnose
 from identification.diagnosis.criteria import DEFAULT_CRITERIA, only_noise
 from identification.diagnosis.figures import law_figure
-from identification.diagnosis.learned_law import law as law_module
-from identification.diagnosis.learned_law.law import (
-    LearnedLaw,
-    _start_origins,
-    evidence_over_effects,
-    law_scales,
-    learn_law,
-)
-from identification.diagnosis.learned_law.law_shape import Curve, LawShape, _describe_curve, describe_terms
+from identification.diagnosis.learned_law import drafts as drafts_module
+from identification.diagnosis.learned_law import learning as learning_module
+from identification.diagnosis.learned_law.free_run import _start_origins, is_in_step
+from identification.diagnosis.learned_law.law import LearnedLaw, evidence_over_effects, law_scales
+from identification.diagnosis.learned_law.law_shape import Curve, LawShape
+from identification.diagnosis.learned_law.law_words import _describe_curve, describe_law, describe_terms
+from identification.diagnosis.learned_law.learning import learn_law
 from identification.diagnosis.learned_law.periodic_force import add_periodic_terms
 from identification.diagnosis.learned_law.terms import (
     FREQUENCY,
@@ -70,10 +68,10 @@ def fitted(folder, hidden: dict, bobs: int = 1, duration: float = 24.0, **model)
 def test_a_law_that_holds_no_longer_than_it_was_fitted_is_none(monkeypatch, gap, most, kept):
     """What counts is the inner prediction, where the model alone has a gap of 2 and a rival, which may be far worse
     than the model alone, asks for `most`."""
-    monkeypatch.setattr(law_module, "_fit_free_run", lambda *_: SimpleNamespace(held_out_gap=lambda: gap))
+    monkeypatch.setattr(drafts_module, "fit_free_run", lambda *_: SimpleNamespace(held_out_gap=lambda: gap))
     linear = SimpleNamespace(term=lambda i: i, values=lambda subset: dict.fromkeys(subset, 1.0))
     none = LearnedLaw(None, None, (), {}, 2.0, 2.0)  # type: ignore[arg-type]
-    draft = law_module._draft_extension(none, None, None, {}, linear, (0, 1), most)  # type: ignore[arg-type]
+    draft = drafts_module._draft_extension(none, None, None, {}, linear, (0, 1), most)  # type: ignore[arg-type]
     assert (draft is not None) == kept
     if draft is not None:
         assert (draft.terms, draft.new, draft.gap) == ((0, 1), (0, 1), gap)
@@ -112,14 +110,14 @@ def test_which_of_several_laws_is_taken(monkeypatch, gap_alone, choices, taken):
                                held_out_gap=held_out_gap)  # fmt: skip
 
     left = dict(itertools.chain.from_iterable(choices))
-    monkeypatch.setattr(law_module, "_fit_free_run", lambda *arguments: fit(left[arguments[4][0]], 6))
+    monkeypatch.setattr(drafts_module, "fit_free_run", lambda *arguments: fit(left[arguments[4][0]], 6))
     alone = fit(5000.0, 4)
     times = np.arange(3600) / 60.0
     run = SimpleNamespace(readings=np.zeros((3600, 1)))
-    monkeypatch.setattr(law_module, "training_rows", lambda _: ([times < 40.0], [times >= 40.0]))
+    monkeypatch.setattr(drafts_module, "training_rows", lambda _: ([times < 40.0], [times >= 40.0]))
     part, none = SimpleNamespace(runs=(run,)), LearnedLaw(alone, alone, (), {}, 2.0, 2.0)  # type: ignore[arg-type]
-    several = [(law_module._Draft((gap,), (gap,), {}, {}, gap) for gap, _ in choice) for choice in choices]
-    found = law_module._complete_best(none, SimpleNamespace(workers=1), part, several)  # type: ignore[arg-type]
+    several = [(drafts_module.Draft((gap,), (gap,), {}, {}, gap) for gap, _ in choice) for choice in choices]
+    found = drafts_module.complete_best(none, SimpleNamespace(workers=1), part, several)  # type: ignore[arg-type]
     assert (found and found.inner_gap_after) == taken
 
 
@@ -148,9 +146,9 @@ def test_terms_that_the_rest_does_without_go(monkeypatch, left, gap, kept):
 
     terms = {key: tuple(term[one] for one in key) for key in left}
     by_terms = {terms[key]: chi2 for key, chi2 in left.items()}
-    monkeypatch.setattr(law_module, "_fit_free_run", lambda *arguments: fit(arguments[4], by_terms[arguments[4]]))
+    monkeypatch.setattr(drafts_module, "fit_free_run", lambda *arguments: fit(arguments[4], by_terms[arguments[4]]))
     full = LearnedLaw(fit((), 5000.0), fit(terms["cps"], left["cps"]), terms["cps"], {}, 2.0, 1.0)  # type: ignore[arg-type]
-    found = law_module._drop_weak_terms(full, SimpleNamespace(workers=1), None, 2.0)  # type: ignore[arg-type]
+    found = drafts_module._drop_weak_terms(full, SimpleNamespace(workers=1), None, 2.0)  # type: ignore[arg-type]
     assert found.terms == terms[kept]
 
 
@@ -162,7 +160,7 @@ def test_a_kink_in_the_strings_is_learned_as_a_pull_along_them(tmp_path):
     found = learn_law(base, searcher, QUIET)
     assert found is not None and found.fitted.values["learned_force.tug_5[*]"] == pytest.approx(0.1, rel=0.2)
     assert found.fitted.held_out_gap() < 1.3 < 3.0 < base.held_out_gap()
-    assert any("pull along the string" in line for line in LawShape(found, found.fitted).words())
+    assert any("pull along the string" in line for line in describe_law(LawShape(found, found.fitted)))
 
 
 def test_drafts_that_predict_nothing_are_passed_over(monkeypatch):
@@ -173,11 +171,11 @@ def test_drafts_that_predict_nothing_are_passed_over(monkeypatch):
         tried.append(arguments[4])
         return SimpleNamespace(held_out_gap=lambda: gaps[arguments[4]])
 
-    monkeypatch.setattr(law_module, "_fit_free_run", free)
+    monkeypatch.setattr(drafts_module, "fit_free_run", free)
     linear = SimpleNamespace(term=lambda i: i, values=lambda subset: dict.fromkeys(subset, 1.0))
     far = SimpleNamespace(training_gap=lambda: 30.0)
     none = LearnedLaw(far, far, (), {}, 2.0, 2.0)  # type: ignore[arg-type]
-    drafts = law_module._draft_extensions(none, None, None, {}, linear, [*gaps])  # type: ignore[arg-type]
+    drafts = drafts_module.draft_extensions(none, None, None, {}, linear, [*gaps])  # type: ignore[arg-type]
     assert next(drafts).gap == 1.9 and tried == [(0, 1, 2), (0, 1)]
     assert [draft.gap for draft in drafts] == [1.2]
 
@@ -220,7 +218,7 @@ def test_its_curve_is_the_true_force(law):
 
 def test_words_terms_and_picture(law):
     shape = LawShape(law, law.fitted)
-    assert any("against the motion" in words and "mN" in words for words in shape.words())
+    assert any("against the motion" in words and "mN" in words for words in describe_law(shape))
     assert shape.energy_taken() > 0.0
     terms = describe_terms(law, compute_intervals(law.fitted))
     assert json.dumps(terms) and all(t["ci95"][0] < t["median"] < t["ci95"][1] for t in terms)
@@ -244,14 +242,14 @@ def test_a_law_outdoes_an_effect_that_bends_towards_the_truth_and_not_the_true_o
 
 def test_a_law_that_begins_far_worse_than_its_rival_is_not_completed(rubbed, law, monkeypatch):
     """A gap half as large as that of the law itself would be less than the noise."""
-    monkeypatch.setattr(law_module, "_MAX_GAP_OVER_RIVAL", 0.5)
+    monkeypatch.setattr(learning_module, "_MAX_GAP_OVER_RIVAL", 0.5)
     assert learn_law(*rubbed, QUIET, rival=law.fitted) is None
 
 
 def test_a_law_that_leaves_noise_gets_no_further_terms(rubbed, law, monkeypatch):
     assert only_noise(law.fitted, DEFAULT_CRITERIA)
-    looked, views = [], law_module._linearize_free_run
-    monkeypatch.setattr(law_module, "_linearize_free_run", lambda one: looked.append(one.terms) or views(one))
+    looked, views = [], learning_module._linearize_free_run
+    monkeypatch.setattr(learning_module, "_linearize_free_run", lambda one: looked.append(one.terms) or views(one))
     learn_law(*rubbed, QUIET)
     assert not any(looked)  # in what the model alone leaves, perhaps; not in what the law does
 
@@ -273,7 +271,7 @@ def test_where_nothing_known_fits_the_law_goes_into_the_model(rubbed, monkeypatc
     assert learned["gap_after"] == content["gap_last"] < 0.3 * content["gap_first"]
     page = (tmp_path / "report.html").read_text(encoding="utf-8")
     assert page.count("data:image/png;base64,") == 5 and learned["words"][0] in page
-    assert "repaired by a law learned from the data" in page and "before and after are the same" not in page
+    assert "has a law learned from the data" in page and "before and after are the same" not in page
     base, added = read_model(tmp_path / "model.toml")
     cradle = Cradle(bobs=1, model=base, effects=added)
     assert cradle.effects == diagnosis.model.effects
@@ -324,7 +322,7 @@ def test_it_is_drawn_and_put_in_words(swinging):
     assert curve.x_label == "time [s]" and curve.x[-1] == pytest.approx(2.0 / 1.4, rel=0.01)
     true = 1e3 * 0.2813 * 0.01 * np.sin(2 * np.pi * 1.4 * curve.x + 1.0)
     assert np.abs(curve.y - true).max() < 2.0 * curve.band.max() < 0.5 * np.abs(true).max()
-    (words,) = shape.words()
+    (words,) = describe_law(shape)
     assert words.startswith("on bob 1, a horizontal force swinging at 1.") and "Hz, up to 2.8 mN" in words
     assert np.isfinite(shape.energy_taken()) and shape.energy_taken() != 0.0
     names = {term["name"] for term in describe_terms(swinging, compute_intervals(swinging.fitted))}
@@ -406,9 +404,9 @@ def test_impacts_that_take_the_same_speed_each_are_put_in_words():
         terms = (Term("learned_impact", key, 0, True),)
         whole = Likelihood(with_terms(base.experiment, scales, terms), None, 1)
         fit = Fitted(whole, placed(whole, {"k_f": 20.0, terms[0].name: value}))
-        said += LawShape(LearnedLaw(base, fit, terms, scales, 1.0, 1.0), fit).words()
+        said += describe_law(LawShape(LearnedLaw(base, fit, terms, scales, 1.0, 1.0), fit))
     assert "every impact takes about the same speed, 5" in said[0] and "mm/s" in said[0]
-    assert "e departs from that of the model" in said[1] and len(said) == 2
+    assert "e differs from that of the model" in said[1] and len(said) == 2
 
 
 def test_what_goes_on_beside_the_motion_cannot_be_cut_into_windows():
@@ -450,14 +448,14 @@ def test_whether_a_free_run_is_in_step_hangs_on_the_motion_it_misses(rubbed):
     runs = tuple(dataclasses.replace(run, noise=0.1 * run.noise) for run in base.experiment.runs)
     likelihood = searcher.likelihood(dataclasses.replace(base.experiment, runs=runs))
     assert Fitted(likelihood, base.point).training_gap() > 10.0
-    assert law_module._is_in_step(Fitted(likelihood, base.point))
+    assert is_in_step(Fitted(likelihood, base.point))
     stopped = placed(likelihood, base.values | {"b": 10.0 * base.values["b"]})
-    assert not law_module._is_in_step(Fitted(likelihood, stopped))
+    assert not is_in_step(Fitted(likelihood, stopped))
     # Nor does where x is counted from add to the motion: here a hundred times as far away as the bob swings.
     away = tuple(dataclasses.replace(run, readings=run.readings + 30.0, rest="free") for run in runs)
     shifted = SimpleNamespace(experiment=SimpleNamespace(runs=away), likelihood=likelihood,
                               chi2=Fitted(likelihood, stopped).chi2, training_gap=lambda: 100.0)  # fmt: skip
-    assert not law_module._is_in_step(shifted)  # type: ignore[arg-type]
+    assert not is_in_step(shifted)  # type: ignore[arg-type]
 
 
 def test_scales_are_those_of_the_training_part(rubbed):
@@ -529,7 +527,7 @@ def test_the_real_pendulum():
 def test_words_for_a_curve_have_minus_signs():
     x = np.linspace(-0.1, 0.1, 5)
     curve = Curve("bob 1: at rest, by angle", "θ [rad]", "force [mN]", x, np.array([-1.3, 0.0, 0.0, 0.0, 0.0]), 0.0 * x)
-    assert _describe_curve(curve) == "on bob 1, a push that depends on the angle, −1.3 mN at −0.1 rad"
+    assert _describe_curve(curve) == "on bob 1, a force that depends on the angle, −1.3 mN at −0.1 rad"
 
 
 @pytest.mark.parametrize(

@@ -19,10 +19,11 @@ from identification import Experiment, diagnose
 from identification.cli.app import main
 from identification.diagnosis import repair, stepwise, workflow
 from identification.diagnosis.criteria import DEFAULT_CRITERIA, fails_prediction
+from identification.diagnosis.diagnosis_content import effect_parameters
 from identification.diagnosis.learned_law.law import can_outdo
 from identification.diagnosis.report import render_report, save, verdict_sentence
 from identification.diagnosis.residuals.residual_tests import chi2_log_tail, scan_residuals
-from identification.diagnosis.result import VERDICTS, Interval, effect_parameters
+from identification.diagnosis.result import VERDICTS, Interval
 from identification.diagnosis.selection import inner_validation
 from identification.diagnosis.selection import model_comparison as decide_module
 from identification.diagnosis.selection.candidates import (
@@ -108,8 +109,8 @@ def test_a_right_model_leaves_what_is_allowed_and_a_wrong_one_more(diagnosed):
     assert max(diagnosed.gap_last, 1.065) < diagnosed.gap_allowed < 2.0
     assert diagnosed.gap_first > diagnosed.base.allowed_gap
     content = diagnosed.content()
-    assert "departs" not in verdict_sentence(content)
-    assert "departs more than noise" in verdict_sentence({**content, "gap_last": 3.0})
+    assert "99 of 100" not in verdict_sentence(content)
+    assert "is 3.00 × noise. A right model" in verdict_sentence({**content, "gap_last": 3.0})
 
 
 def test_what_was_held_out_refutes_a_wrong_model_near_the_noise(diagnosed):
@@ -236,7 +237,7 @@ def test_the_report_says_why_no_run_is_planned(nothing_found, tmp_path):
     assert alone.advice is None
     assert "λ: one bob has none to synchronize with" in said(alone)
     assert "the first run states none" in said(dataclasses.replace(nothing_found, experiment=unreleased))
-    assert "could be simulated for long enough" in said(nothing_found)
+    assert "could not be simulated for long enough" in said(nothing_found)
 
 
 def test_the_repaired_model_runs_elsewhere(diagnosed, dragged, tmp_path):
