@@ -22,7 +22,7 @@ class Criteria:
     Each default was chosen for few false names: a diagnosis rather says "nothing missing" or "equivalent" than names
     an effect that is not there (docs/study.md counts both).
 
-    Attributes
+    Parameters
     ----------
     significance_level : float
         p-value below which a model leaves more than noise, and below which an added effect is significant. Both p are
@@ -114,7 +114,7 @@ def exceeds_allowed_gap(gap: float, allowed: float) -> bool:
 
 
 def fails_prediction(fitted: Fitted) -> bool:
-    """Whether a model that fits the training part fails on what was held out.
+    """Whether a model that fits the training part fails on the held-out data.
 
     A misspecified model never counts: near no mode of its own, it has no predictive distribution to compare with.
     """

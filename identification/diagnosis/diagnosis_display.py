@@ -1,4 +1,4 @@
-"""How a diagnosis shows itself in a terminal and in a notebook, and its steps as a table."""
+"""A diagnosis as one line, as HTML for a notebook, and its steps as a table."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _COLUMNS = (
 
 
 def line(diagnosis: Diagnosis) -> str:
-    """The verdict, the effects that are missing, and how far they close the gap."""
+    """The verdict, the missing effects, and the held-out gap before and after."""
     parts = [diagnosis.verdict, *diagnosis.effects]
     if diagnosis.equivalent:
         parts.append(f"one of {' | '.join(' + '.join(names) for names in diagnosis.equivalent)}")
@@ -32,9 +32,9 @@ def line(diagnosis: Diagnosis) -> str:
 
 
 def page(diagnosis: Diagnosis) -> str:
-    """The steps at their most probable values, and where model and data part, as HTML.
+    """The steps at their most probable values, and the tests of the residuals, as HTML.
 
-    Intervals take minutes to work out, so a notebook does not wait for them; `to_dataframe` holds them.
+    It has no intervals, for these take minutes to compute; `to_dataframe` has them.
     """
     files = ", ".join(run.file for run in diagnosis.experiment.runs)
     caption = f"Diagnosis of {files}: {line(diagnosis).removeprefix('Diagnosis(').removesuffix(')')}"
@@ -47,7 +47,7 @@ def page(diagnosis: Diagnosis) -> str:
         rows.append((step.effect, ", ".join(known), f"{step.probability:.3f}", *gaps))
     first = diagnosis.repaired.examined[0]
     if window_tests(first):
-        figure, description = map_figure(first), "Where the model as given and the data part, by bob and time"
+        figure, description = map_figure(first), "Tests of the residuals of the base model, by bob and time"
     else:
         figure, description = comparison_figure(diagnosis), "Readings and residuals, before and after"
     return display.table(caption, rows, _HEADER) + display.picture(figure, description)
@@ -61,9 +61,9 @@ def steps_table(diagnosis: Diagnosis) -> pandas.DataFrame:
     for step in diagnosis.steps:
         whole = {name: step[name] for name in ("effect", "probability", "gap_before", "gap_after")}
         units = {parameter.key: parameter.unit for parameter in effect(step["effect"]).parameters}
-        for key, found in step["parameters"].items():
-            medians, intervals = np.atleast_1d(found["median"]), np.reshape(found["ci95"], (-1, 2))
-            several = isinstance(found["median"], list)
+        for key, estimate in step["parameters"].items():
+            medians, intervals = np.atleast_1d(estimate["median"]), np.reshape(estimate["ci95"], (-1, 2))
+            several = isinstance(estimate["median"], list)
             for i, (median, (low, high)) in enumerate(zip(medians, intervals, strict=True), start=1):
                 name = f"{key}[{i}]" if several else key
                 known = {"unit": units[key], "median": median, "ci95_low": low, "ci95_high": high}

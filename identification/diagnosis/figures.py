@@ -1,4 +1,4 @@
-"""Pictures of a diagnosis: where model and data part, what may be missing, before and after."""
+"""Figures of a diagnosis: tests of the residuals, candidates, and the model before and after."""
 
 from __future__ import annotations
 
@@ -29,8 +29,8 @@ _LAW_COLUMNS = 3
 
 
 def window_tests(examined: ExaminedModel) -> list[tuple[ResidualTest, float]]:
-    """The places of single bobs in a window, in flight and near impacts, and the surprise of each; [] where readings
-    are too few for any."""
+    """The tests of one bob in one window, in flight and near impacts, each with its −log10 p; [] if readings are too
+    few."""
     scan = examined.residual_scan
     return [
         (test, value) for test, value in zip(scan.tests, scan.neg_log10_p, strict=True)
@@ -40,7 +40,7 @@ def window_tests(examined: ExaminedModel) -> list[tuple[ResidualTest, float]]:
 
 @styled
 def map_figure(examined: ExaminedModel) -> Figure:
-    """Surprise of every window of every bob, in flight and near impacts, where there are any."""
+    """−log10 p of every window of every bob, in flight and near impacts. There must be such tests."""
     from matplotlib.colors import SymLogNorm
     from matplotlib.figure import Figure
 
@@ -70,18 +70,18 @@ def map_figure(examined: ExaminedModel) -> Figure:
         axes.set_ylim(len(labels) - 0.5, -0.5)
         axes.set_xlabel("time [s]")
         axes.set_title(
-            f"{literal(examined.fitted.experiment.runs[k].file)}: dots are beyond what chance gives one scan in 20"
+            f"{literal(examined.fitted.experiment.runs[k].file)}: dots are above the largest in 95 % of replicates"
         )
     if image is not None:
         figure.colorbar(
-            image, ax=list(grid), label="−log$_{10}$ p of a place", extend="max", fraction=0.04, format="%.2g"
+            image, ax=list(grid), label="−log$_{10}$ p of one test", extend="max", fraction=0.04, format="%.2g"
         )
     return figure
 
 
 @styled
 def energy_figure(diagnosis: Diagnosis) -> Figure:
-    """The energy that the data hold beyond the base model and the repaired one, window by window with ± 1 sd."""
+    """Energy of the data beyond the base model and beyond the repaired one, by window, with ± 1 standard deviation."""
     from matplotlib.figure import Figure
 
     models = (
@@ -99,7 +99,7 @@ def energy_figure(diagnosis: Diagnosis) -> Figure:
                 color=colour, marker=marker, markersize=4.0, linewidth=0.9, capsize=2.0, label=f"model {name}",
             )  # fmt: skip
         axes.set_xlabel("time [s]")
-        axes.set_ylabel("energy of data\nless model [µJ]")
+        axes.set_ylabel("data − model:\nenergy [µJ]")
         axes.set_title(literal(diagnosis.experiment.runs[run].file))
         axes.legend()
         quiet_grid(axes)
@@ -108,7 +108,7 @@ def energy_figure(diagnosis: Diagnosis) -> Figure:
 
 @styled
 def candidates_figure(diagnosis: Diagnosis) -> Figure:
-    """χ² that each candidate should save, to first order, and what its refit did."""
+    """χ² that each candidate saves: predicted to first order, and after its refit."""
     from matplotlib.figure import Figure
     from scipy.stats import chi2
 
@@ -127,14 +127,14 @@ def candidates_figure(diagnosis: Diagnosis) -> Figure:
                 max(gained[s.candidate], 0.5), y, marker="D", color=RED, markersize=5.0, linestyle="", fillstyle="none"
             )
     axes.axvline(float(chi2.isf(10.0**-threshold, 1)), color=GREY, linestyle="--")
-    axes.plot([], [], marker="o", color=BLUE, linestyle="", label="first order")
+    axes.plot([], [], marker="o", color=BLUE, linestyle="", label="predicted to first order")
     axes.plot([], [], marker="D", color=RED, linestyle="", fillstyle="none", label="refitted")
-    axes.plot([], [], color=GREY, linestyle="--", label="best by chance, 1 in 20")
+    axes.plot([], [], color=GREY, linestyle="--", label="largest in 95 % of replicates")
     axes.set_yticks(range(len(rows)), [s.candidate.label for s in rows])
     axes.set_ylim(len(rows) - 0.5, -0.5)
     axes.set_xscale("log")
     axes.set_xlim(left=0.4)
-    axes.set_xlabel("χ² saved on the training part (at least 0.5 shown)")
+    axes.set_xlabel("χ² saved on the training part (values below 0.5 are drawn at 0.5)")
     axes.legend(loc="lower right")
     quiet_grid(axes, "x")
     return figure
@@ -142,7 +142,7 @@ def candidates_figure(diagnosis: Diagnosis) -> Figure:
 
 @styled
 def law_figure(shape: LawShape) -> Figure:
-    """The functions of a learned law with their 95 % bands, over the range that the data visit."""
+    """The functions of a learned law with their 95 % bands, over the range of the data."""
     from matplotlib.figure import Figure
 
     curves = shape.curves()
@@ -154,7 +154,7 @@ def law_figure(shape: LawShape) -> Figure:
         axes.fill_between(curve.x, *ends, color=BLUE, alpha=0.25, linewidth=0)
         axes.plot(curve.x, curve.y, color=BLUE, label="with the law")
         if curve.without is not None:
-            axes.plot(curve.x, curve.without, color=GREY, linestyle="--", label="model without it")
+            axes.plot(curve.x, curve.without, color=GREY, linestyle="--", label="model without the law")
             axes.legend(loc="best")
         axes.set_title(curve.title.replace(": ", ":\n"))
         axes.set_xlabel(curve.x_label)
@@ -167,12 +167,12 @@ def law_figure(shape: LawShape) -> Figure:
 
 @styled
 def comparison_figure(diagnosis: Diagnosis) -> Figure:
-    """Before and after: the last swings with both models, and residuals over the whole run."""
+    """The last swings with the base and the repaired model, and the residuals over the whole run."""
     from matplotlib.figure import Figure
 
     before, after = diagnosis.base, diagnosis.last
-    held = training_rows(before.experiment)[1]
-    k = next((k for k, rows in enumerate(held) if rows.any()), 0)
+    held_out = training_rows(before.experiment)[1]
+    k = next((k for k, rows in enumerate(held_out) if rows.any()), 0)
     run = before.experiment.runs[k]
     bobs = [bob - 1 for bob in run.bobs_seen][:_MAX_BOBS]
     figure = Figure(figsize=(9.0, 0.8 + 2.3 * len(bobs)), layout="constrained")
@@ -190,8 +190,8 @@ def comparison_figure(diagnosis: Diagnosis) -> Figure:
             left.set_ylabel(f"bob {bob + 1}\n[{name}]")
             residual = (model[:, bob] - run.readings[rows][:, bob]) / before.likelihood.noise_model.scales[k]
             _plot_residuals(right, t, residual, colour)
-            if held[k].any():
-                right.axvspan(run.times[held[k]][0], t[-1], color=BLUE, alpha=0.08, linewidth=0)
+            if held_out[k].any():
+                right.axvspan(run.times[held_out[k]][0], t[-1], color=BLUE, alpha=0.08, linewidth=0)
             right.set_title(f"bob {bob + 1}, model {title}")
             left.set_title(f"last swings, model {title}")
     for axes in grid[-1]:

@@ -1,4 +1,4 @@
-"""From an experiment to its diagnosis: locate, name, repair, advise."""
+"""The diagnosis of an experiment: check the data, test the residuals, name what is missing, plan the next run."""
 
 from __future__ import annotations
 
@@ -35,11 +35,47 @@ def diagnose(
     progress: Progress | None = None,
     criteria: Criteria = DEFAULT_CRITERIA,
 ) -> Diagnosis:
-    """Where a model and measured runs part, what is missing, what the model with it looks like, what to measure next.
+    """Finds where a model and measured runs differ, which effect is missing, and what to measure next.
 
-    out: folder in which finished fits are kept, so that the same call goes on where it was interrupted. Effects and
-    their order are chosen on the training part alone; gaps are of what was held out, which can refute a choice.
-    Raises ValueError for what cannot be diagnosed.
+    Parameters
+    ----------
+    experiment : Experiment
+        The measured runs and the model.
+    out : path, optional
+        Folder that keeps finished fits, so that the same call goes on after an interruption.
+    seed : int
+        Of the random numbers.
+    workers : int, optional
+        Threads; all cores if omitted.
+    progress : callable, optional
+        Called with a stage, a fraction done, and a text.
+    criteria : Criteria
+        The thresholds of all decisions, see `identification.diagnosis.criteria.Criteria`.
+
+    Returns
+    -------
+    Diagnosis
+        The training part chooses the effects and their order. The gaps are those of held-out data, which can refute an
+        effect but never choose one.
+
+    Raises
+    ------
+    ValueError
+        If the readings are too few, in a wrong unit, or hold a fault of the instrument.
+
+    Examples
+    --------
+    Simulated data of one bob, to which the model fits:
+
+    >>> import numpy as np
+    >>> from cradle_env import Cradle, Release, simulate
+    >>> from identification import Experiment, diagnose
+    >>> cradle, release = Cradle(bobs=1), Release(angle=0.2)
+    >>> run = simulate(cradle, release, duration=12.0, sample_rate=50.0)
+    >>> noise = 1e-3 * np.random.default_rng(1).standard_normal(run.theta.shape)
+    >>> experiment = Experiment.from_arrays(cradle, run.t, run.theta + noise, release, noise=1e-3)
+    >>> diagnose(experiment).verdict
+    'nothing_missing'
     """
     progress = progress or (lambda *_: None)
     estimated = tuple(run.noise is None for run in experiment.runs)
@@ -49,13 +85,13 @@ def diagnose(
     warnings = check_readings(known, criteria)
     progress("search", 0.0, "the model as given")
     given = searcher.fit_global(known, progress)
-    progress("check", 0.0, "whether the readings hang together")
+    progress("check", 0.0, "runs and instrument")
     whole = searcher.fit_all_data(given)
     check_run_consistency(whole, seed, progress, criteria)
     check_instrument_faults(whole, criteria)
     base = choose_base_model(given, searcher, progress)
     repaired = repair(base, searcher, seed, estimated, progress)
-    if any(given.cradle.has(step.effect) for step in repaired.steps):  # what was taken out shows after all
+    if any(given.cradle.has(step.effect) for step in repaired.steps):  # the data need what was taken out
         base = given
         repaired = repair(base, searcher, seed, estimated, progress)
     warnings = (*criteria.changes(), *warnings, *describe_removed_effects(base, given))
@@ -69,8 +105,10 @@ def diagnose(
 def _advise(
     repaired: RepairResult, others: Mapping[EffectNames, Fitted], searcher: Searcher, seed: int, progress: Progress
 ) -> Advice | None:  # fmt: skip
-    """The experiment that tells equivalent sets apart; without such, the one that makes λ certain, by a model that
-    leaves only noise."""
+    """The run that separates equivalent sets; if there are none, the run that constrains λ.
+
+    Returns None if no run can be planned, or if the model leaves more than noise.
+    """
     if not repaired.alternatives:
         last = repaired.last
         return None if last.significant else advise_on_lambda(searcher.fit_all_data(last.fitted), progress)
@@ -81,10 +119,10 @@ def _advise(
 
 
 def _fit_equivalent_models(repaired: RepairResult, searcher: Searcher) -> dict[EffectNames, Fitted]:
-    """The models with what would do as well as the sets chosen, by what it is, fitted to all data."""
+    """Models with the sets that are equivalent to the chosen one, by their names, fitted to all data."""
     if not repaired.alternatives:
         return {}
-    last, found = repaired.last.fitted, {}
+    last, fits = repaired.last.fitted, {}
     chosen, *others = repaired.alternatives
     model = last.experiment
     for candidate in chosen:
@@ -95,5 +133,5 @@ def _fit_equivalent_models(repaired: RepairResult, searcher: Searcher) -> dict[E
         with contextlib.suppress(ImpossibleModelError):
             for candidate in several:
                 fit = searcher.fit_with_candidate(fit, matching_candidate(fit.cradle, candidate))
-            found[tuple(c.name for c in several)] = searcher.fit_all_data(fit)
-    return found
+            fits[tuple(c.name for c in several)] = searcher.fit_all_data(fit)
+    return fits

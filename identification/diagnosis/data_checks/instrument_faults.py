@@ -1,8 +1,13 @@
-"""Slips of the instrument: a bob's readings that shift or stray for a while, and times that do after a lost frame.
+"""Faults of the instrument: readings of one bob that are shifted or wrong for a while, and lost frames.
 
-No force makes a bob jump. Where the fitted model leaves more than noise, each slip is sought that would explain it: to
-first order, beside all that the unknowns absorb, then by a refit to the data with the slip undone. It is told only if
-nearly nothing is left then: what a missing effect leaves is spread over the run, and no single slip takes it away.
+No force makes a bob jump. Where the fitted model leaves far more than noise, the check looks for a fault that explains
+it:
+
+1. To first order: how much χ² would one fault save after a refit of the unknowns?
+2. By a refit to the data with the best fault corrected.
+
+The check reports a fault only if the refit leaves nearly nothing. A missing effect leaves residuals all over the run,
+which no single fault explains.
 """
 
 from __future__ import annotations
@@ -23,7 +28,7 @@ from identification.inference.likelihood import Likelihood
 #: Share of the excess χ² that a fault must explain to first order to be worth refits.
 _MIN_LINEAR_SHARE = 0.3
 #: Points in time between which shifts are first looked for.
-_EDGES = 250
+_COARSE_EDGES = 250
 #: Best faults that are refitted.
 _MAX_REFITS = 3
 #: Rounds of refits in which the size of a fault converges.
@@ -38,9 +43,12 @@ _MAX_OUTLIER_SHARE = 0.05
 
 @dataclass(frozen=True)
 class InstrumentFault:
-    """Rows [first, last) of a run (from 0) in which `bob` (from 0) is shifted by `size` [rad or m], or, with nan,
-    strays; bob −1: the times are too early by `size` [s] from `first` on. gain: the χ² that it explains to first
-    order, of so much in excess (`of`) once what changes slowly is taken away."""
+    """Readings that are wrong in rows [first, last) of a run.
+
+    run, bob: from 0; bob −1: the times are too early by `size` [s] from row `first` on. size: shift of the bob's
+    readings [rad or m]; nan: they are outliers. gain: χ² that the fault explains to first order. of: excess of χ² over
+    the number of readings, after the unknowns and slow changes have absorbed their part.
+    """
 
     run: int
     bob: int
@@ -51,53 +59,58 @@ class InstrumentFault:
     of: float
 
     def undo(self, experiment: Experiment) -> Experiment:
-        """The experiment without it."""
+        """The experiment with the fault corrected."""
         run = experiment.runs[self.run]
         times, readings = run.times.copy(), run.readings.copy()
         if self.bob < 0:
             times[self.first :] += self.size
         else:
             readings[self.first : self.last, self.bob] -= self.size
-        mended = dataclasses.replace(run, times=times, readings=readings)
-        runs = tuple(mended if k == self.run else other for k, other in enumerate(experiment.runs))
+        corrected = dataclasses.replace(run, times=times, readings=readings)
+        runs = tuple(corrected if k == self.run else other for k, other in enumerate(experiment.runs))
         return dataclasses.replace(experiment, runs=runs)
 
 
 def check_instrument_faults(fitted: Fitted, criteria: Criteria = DEFAULT_CRITERIA) -> None:
-    """ValueError, naming file, row, bob and remedy, if a slip explains what a fit to all readings leaves."""
+    """Raises ValueError, naming file, row, bob and remedy, if one fault explains the residuals of a fit to all
+    readings."""
     if not may_hold_faults(fitted, criteria):
         return
     for fault in sorted(_find_faults(fitted), key=lambda fault: -fault.gain)[:_MAX_REFITS]:
         if fault.gain < _MIN_LINEAR_SHARE * fault.of:
             continue
-        fault, left = _refit_fault(fitted, fault)
-        if left < (1.0 - criteria.fault_explained_share) * (fitted.chi2 - fitted.count):
+        fault, remaining = _refit_fault(fitted, fault)
+        if remaining < (1.0 - criteria.fault_explained_share) * (fitted.chi2 - fitted.count):
             raise ValueError(_message(fault, fitted.experiment.runs[fault.run]))
 
 
 def _find_faults(fitted: Fitted, same_kind: InstrumentFault | None = None) -> list[InstrumentFault]:
-    """The best slip of each kind in each run and bob; likes: only of the kind, run and bob of that one."""
-    found = []
+    """The best fault of each kind in each run and bob; same_kind: only of the kind, run and bob of this one."""
+    faults = []
     for k in np.unique(fitted.readings.run):
         if same_kind is None or same_kind.run == k:
             scan = _RunScan.of(fitted, int(k))
             bobs = range(scan.seen.shape[1]) if same_kind is None else [same_kind.bob]
             if same_kind is None or same_kind.bob < 0:
-                found += scan.find_lost_frames()
+                faults += scan.find_lost_frames()
             for bob in bobs:
                 if bob >= 0 and scan.seen[:, bob].any():
                     if same_kind is None or not math.isnan(same_kind.size):
-                        found += scan.find_shift(bob)
+                        faults += scan.find_shift(bob)
                     if same_kind is None or math.isnan(same_kind.size):
-                        found += scan.find_stray_stretch(bob)
-    return found
+                        faults += scan.find_stray_stretch(bob)
+    return faults
 
 
 @dataclass(frozen=True, eq=False)
 class _RunScan:
-    """The T fitted rows of run `run`: `rows` (T,) of them in the run, residuals (T, N), 0 where not seen; seen (T, N);
-    basis (T, N, K) of what unknowns absorb, and a constant for each bob, a late start and a slow clock; rate (T, N):
-    what a second's delay adds to the residuals; noise [rad or m]; spacing of the times [s]."""
+    """The T fitted rows of one run.
+
+    rows (T,): their indices in the run. seen (T, N): whether there is a reading. residuals (T, N): 0 where there is
+    none, without their part in the basis. basis (T, N, K): orthonormal; what the unknowns absorb, a constant shift of
+    each bob, a late start and a slow clock. rate (T, N): change of the residuals by a delay of 1 s. noise: of a reading
+    [rad or m]. spacing: of the times [s].
+    """
 
     run: int
     rows: np.ndarray
@@ -124,24 +137,24 @@ class _RunScan:
         smooth[here, -2] = rate[seen]
         smooth[here, -1] = rate[seen] * (at.time[here] - at.time[here].mean())
         absorbed = np.column_stack([fitted.absorbed, span(fitted.project(smooth))])
-        left = fitted.residuals - absorbed @ (absorbed.T @ fitted.residuals)
+        remaining = fitted.residuals - absorbed @ (absorbed.T @ fitted.residuals)
         residuals, basis = np.zeros(seen.shape), np.zeros((*seen.shape, absorbed.shape[1]))
-        residuals[seen], basis[seen] = left[here], absorbed[here]
+        residuals[seen], basis[seen] = remaining[here], absorbed[here]
         spacing = float(np.median(np.diff(run.times)))
         return cls(k, rows, residuals, seen, basis, np.where(seen, rate, 0.0), noise, spacing)
 
     @property
     def excess(self) -> float:
-        """Of χ² over the number of readings."""
+        """Excess of χ² over the number of readings."""
         return float(np.sum(self.residuals**2) - self.seen.sum())
 
     def find_lost_frames(self) -> list[InstrumentFault]:
-        """The best loss of frames: from one row on, times are too early."""
+        """The best row from which on times are too early by a whole number of frames."""
         along = np.cumsum((self.rate * self.residuals).sum(axis=1)[::-1])[::-1]
         absorbed = np.cumsum(np.einsum("tb,tbk->tk", self.rate, self.basis)[::-1], axis=0)[::-1]
         square = np.cumsum((self.rate**2).sum(axis=1)[::-1])[::-1] - np.sum(absorbed**2, axis=1)
         gain = np.where(square > 1e-6 * square.max(), along**2 / np.maximum(square, 1e-300), 0.0)
-        gain[along > 0.0] = 0.0  # the model, at times too early, runs behind the data
+        gain[along > 0.0] = 0.0  # a lost frame makes times too early, so the data run ahead of the model
         i = int(np.argmax(gain))
         frames = round(-along[i] / square[i] / self.spacing) if gain[i] > 0.0 else 0
         if frames < 1:
@@ -159,23 +172,23 @@ class _RunScan:
         ]
 
     def find_shift(self, bob: int) -> list[InstrumentFault]:
-        """The best shift of one bob's readings: first between few points in time, then row by row about the ends."""
+        """The best shift of one bob's readings: on a coarse grid of rows, then row by row about its two ends."""
         count = len(self.rows)
-        coarse = np.unique(np.linspace(0, count, _EDGES + 1).astype(int))
+        coarse = np.unique(np.linspace(0, count, _COARSE_EDGES + 1).astype(int))
         first, last, _, _ = self._best_shift(bob, coarse, coarse)
-        near = 2 * math.ceil(count / _EDGES)
+        near = 2 * math.ceil(count / _COARSE_EDGES)
         firsts, lasts = (np.arange(max(0, i - near), min(count, i + near) + 1) for i in (first, last))
         first, last, size, gain = self._best_shift(bob, firsts, lasts)
         if gain <= 0.0:
             return []
-        if first == 0:  # beside a constant, the same as a shift of the rest the other way
+        if first == 0:  # the basis holds a constant: the opposite shift of the rest is the same
             first, last, size = last, count, -size
         return [
             InstrumentFault(self.run, bob, int(self.rows[first]), int(self.rows[last - 1]) + 1, size, gain, self.excess)
         ]
 
     def _best_shift(self, bob: int, firsts: np.ndarray, lasts: np.ndarray) -> tuple[int, int, float, float]:
-        """(first, last, size, gain) of the best shift between two of these."""
+        """(first, last, size, gain) of the best shift that begins and ends at given rows."""
         zero = np.zeros((1, 1))
         along = np.concatenate([zero[0], np.cumsum(self.residuals[:, bob])])
         number = np.concatenate([zero[0], np.cumsum(self.seen[:, bob])])
@@ -190,7 +203,7 @@ class _RunScan:
         return int(firsts[i]), int(lasts[j]), float(size), float(gain[i, j])
 
     def find_stray_stretch(self, bob: int) -> list[InstrumentFault]:
-        """The brief stretch of one bob's readings that is least like noise: the largest sum of what exceeds it."""
+        """The short stretch of one bob's readings whose squared residuals exceed the threshold of outliers most."""
         own = self.residuals[:, bob]
         scale = max(1.0, 1.4826 * float(np.median(np.abs(own[self.seen[:, bob]]))))
         sums = np.concatenate([[0.0], np.cumsum(np.where(self.seen[:, bob], (own / scale) ** 2 - _OUTLIER_SD**2, 0.0))])
@@ -208,7 +221,7 @@ class _RunScan:
 
 
 def _reading_rate(fitted: Fitted, k: int) -> np.ndarray:
-    """d readings/dt by the model at the fitted rows of a run, (T, N) [rad/s or m/s]."""
+    """Rate at which the model's readings change at the fitted rows of a run, (T, N) [rad/s or m/s]."""
     h = 1e-3
     sides = []
     for step in (-h, h):
@@ -220,29 +233,29 @@ def _reading_rate(fitted: Fitted, k: int) -> np.ndarray:
 
 
 def _refit_fault(fitted: Fitted, fault: InstrumentFault) -> tuple[InstrumentFault, float]:
-    """(the slip, excess of χ² that is left) once neither it nor the unknowns change any more."""
+    """(fault, excess of χ² that remains) after alternating refits of the fault and of the unknowns converged."""
     likelihood, point = fitted.likelihood, fitted.point
-    left = math.inf
+    remaining = math.inf
     for _ in range(_ROUNDS):
-        mended = Likelihood(fault.undo(fitted.experiment), likelihood.rows, likelihood.workers)
-        point, cost = refine(mended, point, _EVALUATIONS)
-        left = cost - Fitted(mended, point).count
+        corrected = Likelihood(fault.undo(fitted.experiment), likelihood.rows, likelihood.workers)
+        point, cost = refine(corrected, point, _EVALUATIONS)
+        remaining = cost - Fitted(corrected, point).count
         again = _find_faults(Fitted(likelihood, point), fault)
         if not again or again[0] == fault:
             break
         fault = again[0]
-    return fault, left
+    return fault, remaining
 
 
 def _message(fault: InstrumentFault, run: Run) -> str:
-    """What is wrong and what to do, in one line."""
+    """The fault and its remedy, in one line."""
     begin = f"{run.file}, {run.place(fault.first, max(fault.bob, 0))}, t = {run.times[fault.first]:.6g} s"
     if fault.bob < 0:
         spacing = float(np.median(np.diff(run.times)))
         frames = round(fault.size / spacing)
         return (
             f"{begin}: from here on all bobs are ahead by {1e3 * fault.size:.3g} ms,"
-            f" {frames} frame{'s' if frames > 1 else ''} of {1e3 * spacing:.3g} ms, as where a camera dropped"
+            f" {frames} frame{'s' if frames > 1 else ''} of {1e3 * spacing:.3g} ms, as if the camera dropped"
             f" {'them' if frames > 1 else 'one'}; add that to the times from this row on, or set fit_to before it"
         )
     where = f"{begin}, bob {fault.bob + 1}: the readings"
@@ -250,9 +263,9 @@ def _message(fault: InstrumentFault, run: Run) -> str:
     own = np.flatnonzero(run.fitted & ~np.isnan(run.readings[:, fault.bob]))
     lasting = "from here on" if fault.last > own[-1] else f"up to {end},"
     if math.isnan(fault.size):
-        return f"{where} {lasting} are where no motion leads, as of a tracker that lost the bob; leave them empty"
+        return f"{where} {lasting} are where no motion leads, as if the tracker lost the bob; leave them empty"
     size = f"{fault.size / run.scale:+.3g} {run.unit}"
     return (
-        f"{where} {lasting} are shifted by {size}, as of a tracker that slipped;"
+        f"{where} {lasting} are shifted by {size}, as if the tracker slipped;"
         f" subtract that from them, or leave them empty"
     )

@@ -1,7 +1,8 @@
-"""What can be said of measured runs before any model is fitted: unusable ones are refused, doubtful ones told.
+"""Checks of the readings before any model is fitted.
 
-Refused (ValueError): readings in another unit than stated, too few of them, too short a time, too sparse a sampling.
-Told: a bob, or all of them, unseen for a while; angles so small that their unit is in doubt.
+The check refuses runs that cannot be diagnosed (ValueError): readings in another unit than stated, too few readings,
+too short a run, too few readings per swing. It warns of gaps in the readings of one bob or of all bobs, and of angles
+so small that their unit is in doubt.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ _MIN_SWING = 0.01
 
 
 def check_readings(experiment: Experiment, criteria: Criteria = DEFAULT_CRITERIA) -> tuple[str, ...]:
-    """What to know about the readings, one line each; ValueError for what cannot be diagnosed."""
+    """Warnings about the readings, one line each. Raises ValueError for runs that cannot be diagnosed."""
     warnings: list[str] = []
     for run in experiment.runs:
         cradle = experiment.cradle_of(run)
@@ -42,7 +43,7 @@ def check_readings(experiment: Experiment, criteria: Criteria = DEFAULT_CRITERIA
 
 
 def _warn_of_missing_readings(run: Run, cradle: Cradle) -> list[str]:
-    """Times longer than a period in which a bob that is seen at other times is not, or none is."""
+    """Warnings of intervals, longer than a period, without a reading of a bob or of all bobs."""
     inside = run.times >= run.fit_from
     inside &= run.times <= (math.inf if run.fit_to is None else run.fit_to)
     times, seen = run.times[inside], ~np.isnan(run.readings[inside])
@@ -57,13 +58,13 @@ def _warn_of_missing_readings(run: Run, cradle: Cradle) -> list[str]:
 
 
 def _long_gaps(times: np.ndarray, seen: np.ndarray | np.bool_, longest: float) -> list[tuple[float, float]]:
-    """Intervals [s] without a reading that are longer than that, from the first of these times to the last."""
+    """Intervals [s] without a reading that last longer than `longest` [s], between the first and the last time."""
     known = np.concatenate([times[:1], times[seen], times[-1:]])
     return [(known[i], known[i + 1]) for i in np.flatnonzero(np.diff(known) > longest)]
 
 
 def _check_amount(experiment: Experiment, criteria: Criteria) -> None:
-    """Refuses a training part of too few readings, too short a time, or too few readings in a swing."""
+    """Refuses a training part with too few readings, of too short a time, or with too few readings per swing."""
     rows = training_rows(experiment)[0]
     needed = criteria.min_readings_per_unknown * max(len(Likelihood(experiment, rows).unknowns), _MIN_UNKNOWNS)
     readings = sum(

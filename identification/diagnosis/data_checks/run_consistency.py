@@ -1,8 +1,10 @@
-"""Whether several runs are of one cradle. Where a joint fit leaves more than noise, each run is fitted alone, its
-length free: runs of different cradles then leave noise, and their lengths or k_f differ far beyond their uncertainty.
+"""Whether several runs are of one cradle.
 
-A missing effect leaves something in each run, or bends b as well, another at each amplitude: k_f counts only where all
-else agrees.
+Where a joint fit leaves far more than noise, the check fits each run alone, with its length free. Runs of different
+cradles then leave only noise, and their lengths or k_f differ far beyond their uncertainty.
+
+A missing effect behaves otherwise. It leaves residuals in each run, or it biases b as well, differently at each
+amplitude. So a difference in k_f counts only if all other unknowns agree.
 """
 
 from __future__ import annotations
@@ -30,17 +32,17 @@ _LENGTH_SD = 0.03
 
 
 def check_run_consistency(fitted: Fitted, seed: int, progress: Progress, criteria: Criteria = DEFAULT_CRITERIA) -> None:
-    """ValueError, naming two runs and what differs, if runs fitted together are of different cradles."""
+    """Raises ValueError, naming two runs and the unknown that differs, if they are of different cradles."""
     runs = fitted.experiment.runs
     if len(runs) < 2 or not may_hold_faults(fitted, criteria):
         return
-    left, estimates = 0.0, []
+    excess_alone, estimates = 0.0, []
     for k, run in enumerate(runs):
         progress("check", k / len(runs), f"{run.file} alone")
-        cost, known = _fit_alone(fitted, k, seed)
-        left += cost
-        estimates.append(known)
-    if left > _MAX_LEFT_SHARE * (fitted.chi2 - fitted.count):
+        excess, own = _fit_alone(fitted, k, seed)
+        excess_alone += excess
+        estimates.append(own)
+    if excess_alone > _MAX_LEFT_SHARE * (fitted.chi2 - fitted.count):
         return
     for i, j in itertools.combinations(range(len(runs)), 2):
         name = _differing_unknown(estimates[i], estimates[j], criteria)
@@ -53,11 +55,12 @@ def check_run_consistency(fitted: Fitted, seed: int, progress: Progress, criteri
             )
 
 
+#: Value and standard deviation of each unknown of the cradle, by name.
 Estimates = dict[str, tuple[float, float]]
 
 
 def _differing_unknown(one: Estimates, other: Estimates, criteria: Criteria) -> str | None:
-    """What tells two cradles apart, by value and standard deviation of their unknowns; None if nothing does."""
+    """The name of the unknown that two cradles differ in; None if they may be one cradle."""
     apart = {name: abs(other[name][0] - value) / math.hypot(sd, other[name][1]) for name, (value, sd) in one.items()}
     least_of = {"length": criteria.min_length_difference, "k_f": criteria.min_k_f_difference}
     for name, least in least_of.items():
@@ -72,7 +75,7 @@ def _differing_unknown(one: Estimates, other: Estimates, criteria: Criteria) -> 
 
 
 def _fit_alone(fitted: Fitted, k: int, seed: int) -> tuple[float, Estimates]:
-    """(excess of χ², value and standard deviation of each unknown of the cradle) of run k alone."""
+    """(excess of χ² over the number of readings, estimates) of a fit to run k alone."""
     together = fitted.experiment
     length = together.cradle.length
     infer = {"length": Prior(mean=length, sd=_LENGTH_SD * length), **together.infer}
@@ -83,8 +86,8 @@ def _fit_alone(fitted: Fitted, k: int, seed: int) -> tuple[float, Estimates]:
     )
     _, mode = find_mode(likelihood, seed)
     values, deviations = likelihood.values(mode.point), np.sqrt(np.diag(mode.covariance))
-    found = {}
+    estimates = {}
     for u, sd in zip(likelihood.unknowns, deviations, strict=True):
         if not u.nuisance:
-            found[u.name] = values[u.name], float(sd * (values[u.name] if u.log else 1.0))
-    return mode.cost - Fitted(likelihood, mode.point).count, found
+            estimates[u.name] = values[u.name], float(sd * (values[u.name] if u.log else 1.0))
+    return mode.cost - Fitted(likelihood, mode.point).count, estimates

@@ -1,1 +1,1 @@
-"""The next experiment: which release, spacing and duration would tell the models apart."""
+"""The next experiment: the bobs, release, δ and duration that give the most information."""

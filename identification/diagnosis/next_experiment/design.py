@@ -1,5 +1,5 @@
-"""The next experiment on its own: between models that the user names, between those that a diagnosis left open, or for
-what is least known of λ; and its files."""
+"""Design of the next experiment: between models that the user names, between equivalent models of a diagnosis, or for
+λ."""
 
 from __future__ import annotations
 
@@ -27,14 +27,29 @@ from identification.storage.schema import read_json
 from identification.storage.stamps import check_report
 from identification.storage.toml_table import toml_text
 
-#: Of design.json.
+#: The format that design.json states.
 FORMAT = "cradle-design/1"
 
 
 @dataclass(frozen=True, eq=False)
 class Design:
-    """The models in question, fitted to all data, the sets of effects that each adds to what is `certain`, and the
-    advice. One model and no sets: λ is in question."""
+    """What `design` found.
+
+    Parameters
+    ----------
+    experiment : Experiment
+        As given, without effects that the diagnosis took out of the model.
+    models : tuple of FitResult
+        The models in question, fitted to all data.
+    certain : tuple of str
+        Effects that all models have.
+    sets : tuple of tuple of str
+        Effects that each model adds to them; () if λ is in question.
+    advice : Advice
+        The possible runs, the most informative first.
+    seed : int
+        Of the random numbers.
+    """
 
     experiment: Experiment
     models: tuple[Fitted, ...]
@@ -44,7 +59,7 @@ class Design:
     seed: int
 
     def content(self) -> dict[str, Any]:
-        """What design.json holds."""
+        """The content of design.json."""
         return {
             "format": FORMAT,
             "version": __version__,
@@ -68,7 +83,7 @@ class Design:
         }
 
     def experiment_toml(self) -> str:
-        """An experiment.toml for the recommended run, to which its data are still to be recorded."""
+        """An experiment.toml for the recommended run, whose data are still to be recorded."""
         plan, model = self.advice.plans[0], self.models[0]
         cradle, old, run = model.cradle, self.experiment, self.experiment.runs[0]
         fields = {
@@ -114,44 +129,75 @@ def design(
     workers: int | None = None,
     progress: Progress | None = None,
 ) -> Design:
-    """The run that tells most beside the runs there are.
+    """The most informative next run.
 
-    between: two models or more, each an effect or several joined by "+", as "added_mass"; diagnosis: the folder of a
-    diagnosis of the same experiment, whose model with its named effects is taken over, and whose `equivalent` sets are
-    in question where `between` names none; otherwise λ is. What has a value per bob or gap has one for all of them,
-    unless the diagnosis found it otherwise. out: folder in which finished fits are kept. Raises ValueError for
-    what cannot be planned.
+    Parameters
+    ----------
+    experiment : Experiment
+        The present runs.
+    between : sequence of str
+        Two models or more, each an effect or several joined by "+".
+    diagnosis : path, optional
+        Folder of a diagnosis of the same experiment. Its model with the named effects is the base. Its `equivalent`
+        sets are in question if `between` is empty.
+    out : path, optional
+        Folder that keeps finished fits, so that an interrupted call goes on.
+    seed : int
+        Of the random numbers.
+    workers : int, optional
+        Threads; all cores if omitted.
+    progress : callable, optional
+        Called with a stage, a fraction done, and a text.
+
+    Returns
+    -------
+    Design
+        Its runs separate the models in question, or constrain λ if there are none. An effect with values per bob or gap
+        has one value for all, unless the diagnosis found different ones.
+
+    Raises
+    ------
+    ValueError
+        If the models are unknown, or no run can be planned.
+
+    Examples
+    --------
+    >>> plan = design(experiment, between=("added_mass", "clock_scale")).advice.plans[0]  # doctest: +SKIP
+    >>> plan.release, plan.delta, plan.duration  # doctest: +SKIP
     """
     progress = progress or (lambda *_: None)
     if out is not None:
         check_report(Path(out), "design")
-    asked = _read_request(experiment, between, diagnosis)
-    known = with_known_noise(asked.model)
+    request = _read_request(experiment, between, diagnosis)
+    known = with_known_noise(request.model)
     check_readings(known)
     store = FitCache.of(out, experiment, seed)
     searcher = Searcher(store, seed, workers)
     progress("search", 0.0, "the model as given")
-    base = _fit_with_effects(searcher.fit_global(known, progress), asked.certain, asked.each, searcher, progress)
-    several = [_fit_with_effects(base, names, asked.each, searcher, progress) for names in asked.sets or ((),)]
+    base = _fit_with_effects(searcher.fit_global(known, progress), request.certain, request.each, searcher, progress)
+    several = [_fit_with_effects(base, names, request.each, searcher, progress) for names in request.sets or ((),)]
     models = tuple(map(searcher.fit_all_data, several))
-    advice = advise(models, asked.sets, seed, progress) if asked.sets else advise_on_lambda(models[0], progress)
+    advice = advise(models, request.sets, seed, progress) if request.sets else advise_on_lambda(models[0], progress)
     if advice is None:
         raise ValueError(
             "no experiment can be advised: "
             + (
-                "none of the planned ones can be simulated, or followed for long enough, with all of the models"
-                if asked.sets
-                else "λ is not defined for one bob, or without a release, or no planned run can be followed for long"
-                " enough; name models to tell apart by --between"
+                "no run can be simulated, and predicted for long enough, by all of the models"
+                if request.sets
+                else "λ is not defined for one bob or without a release, or no run can be predicted for long enough;"
+                " name models to tell apart by --between"
             )
         )
-    return Design(asked.model, models, asked.certain, asked.sets, advice, seed)
+    return Design(request.model, models, request.certain, request.sets, advice, seed)
 
 
 @dataclass(frozen=True, eq=False)
 class _Request:
-    """model: the experiment as given, or with what a diagnosis took out of its model taken out; effects that are
-    certain; sets in question; each: effects that have a value per bob or gap, not one for all."""
+    """What the caller asks for.
+
+    model: the experiment, without effects that the diagnosis took out. certain: named effects. sets: of effects in
+    question. each: effects that have a value per bob or gap.
+    """
 
     model: Experiment
     certain: EffectNames
@@ -165,14 +211,14 @@ def _read_request(experiment: Experiment, between: Sequence[str], diagnosis: str
     if diagnosis is not None:
         path = Path(diagnosis) / "diagnosis.json"
         remedy = "not a diagnosis by this version; name the folder that cradle diagnose wrote, or run it again"
-        found = read_json(path, "diagnosis", remedy)
-        certain = tuple(step["effect"] for step in found["steps"])
-        equivalent = tuple(tuple(names) for names in found["equivalent"])
-        each = frozenset(itertools.chain(certain, *equivalent)) - {*found["alike"]}
-        gone, inputs = [*found["taken_out"]], found["inputs"]
+        content = read_json(path, "diagnosis", remedy)
+        certain = tuple(step["effect"] for step in content["steps"])
+        equivalent = tuple(tuple(names) for names in content["equivalent"])
+        each = frozenset(itertools.chain(certain, *equivalent)) - {*content["alike"]}
+        removed, inputs = [*content["taken_out"]], content["inputs"]
         if inputs != experiment.digest:
             raise ValueError(f"{path}: of another experiment, or of other data; diagnose this one first")
-        for name in reversed(gone):  # what requires another comes after it
+        for name in reversed(removed):  # an effect comes after those that it requires
             effect(name)
             model = without_effect(model, name)
         model, sets = model.read_from(inputs), sets or equivalent
@@ -194,10 +240,10 @@ def _check_absent(cradle: Cradle, name: str) -> None:
 def _fit_with_effects(
     fitted: Fitted, names: EffectNames, each: frozenset[str], searcher: Searcher, progress: Progress
 ) -> Fitted:
-    """The fit with effects added, one after the other; each: as `_Asked` has it."""
+    """The fit with effects added one after the other; each: see `_Request`."""
     for name in names:
         progress("refit", 0.0, name)
-        if fitted.cradle.has(name):  # brought along by an earlier one
+        if fitted.cradle.has(name):  # an earlier effect requires it
             continue
         several = [c for c in list_candidates(fitted.cradle) if c.name == name]
         candidate = several[-1 if name in each else 0]

@@ -1,4 +1,4 @@
-"""The files of a design: design.json, design.png, experiment.toml and report.html, one page that opens offline."""
+"""The files of a design: design.json, design.png, experiment.toml, and report.html, one page that opens offline."""
 
 from __future__ import annotations
 
@@ -33,13 +33,15 @@ _MAX_PLANS = 12
 
 
 def check_folder(folder: Path) -> None:
-    """ExperimentError where a file of a folder is not as an earlier design has written it: experiment.toml, say, may be
-    of the data, or corrected."""
+    """Raises ExperimentError if a file in the folder is not as an earlier design wrote it.
+
+    experiment.toml, for example, may describe the data, or the user may have corrected it.
+    """
     check_own(folder, (_STAMP, _PICTURE, _REPORT, FILE_NAME), _STAMP, FORMAT)
 
 
 def save(design: Design, folder: Path) -> dict[str, Any]:
-    """Writes all files, design.json last, whose content it returns. Where no run helps, no experiment.toml is."""
+    """Writes all files, design.json last, and returns its content. If no run helps, there is no experiment.toml."""
     content = design.content()
     picture = png(design_figure(design))
     files: dict[str, str | bytes] = {_PICTURE: picture, _REPORT: render_report(design, content, picture)}
@@ -54,18 +56,18 @@ def advice_sentence(design: Design) -> str:
     run = describe_run(plan.setting, plan.duration)
     if not design.sets:
         gain = math.exp(plan.predicted)
-        return f"Do next: {run}. It should make λ {number(gain)} times as certain."
+        return f"Do next: {run}. It should reduce the standard deviation of λ by a factor of {number(gain)}."
     if advice.separates_none:
         return advice.alternative
     sets = " from ".join(
         (" with ".join(advice.separates[0]), " and ".join(" with ".join(s) for s in advice.separates[1:]))
     )
     factor = format_information(plan)
-    return f"Do next: {run}. It should tell {sets} by a log Bayes factor of {factor}. {advice.alternative}".strip()
+    return f"Do next: {run}. It should tell {sets} with a log Bayes factor of {factor}. {advice.alternative}".strip()
 
 
 def format_information(plan: Plan) -> str:
-    """What a plan tells where it was simulated, with its standard error."""
+    """The simulated information of a run with its standard error; "–" if it was not simulated."""
     if math.isnan(plan.simulated):
         return "–"
     if math.isnan(plan.standard_error):
@@ -101,7 +103,7 @@ def render_report(design: Design, content: dict[str, Any], picture: bytes) -> st
 
 @styled
 def design_figure(design: Design) -> Figure:
-    """What each setting should tell, over the release angle; and what would be seen in the best one."""
+    """Expected information of each setting over the release angle, and the best run as predicted."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(9.0, 6.4), layout="constrained")
@@ -134,16 +136,19 @@ def _plot_information(axes: Axes, design: Design) -> None:
         axes.set_ylim(bottom=min(0.0, *(p.predicted for p in plans), *(p.simulated for p in tried)))
         axes.set_ylabel("expected log Bayes factor")
     else:
-        axes.set_ylabel("ln of the gain in certainty of λ")
+        axes.set_ylabel("ln of the gain for λ")
     axes.set_xlabel("release angle [rad]")
-    axes.set_title("What each run should tell, to first order; angles where the models cannot be followed are left out")
+    axes.set_title("Expected information of each run, to first order; runs that the models cannot predict are left out")
     axes.legend(loc="upper left", bbox_to_anchor=(1.01, 1.0))
     quiet_grid(axes)
 
 
 def _plot_prediction(axes: Axes, design: Design) -> None:
-    """Of models: what the second leaves of the first's readings after it has been refitted; of λ: the readings, and
-    how far the model leaves them open, over the noise of one."""
+    """The best run as predicted.
+
+    Between models: the residuals of the second, refitted to readings of the first. For λ: the standard deviation of the
+    predicted readings over their noise.
+    """
     plan = design.advice.plans[0]
     instrument = Instrument.of(design.models[0])
     run = instrument.run(plan.setting, plan.duration)
@@ -155,13 +160,13 @@ def _plot_prediction(axes: Axes, design: Design) -> None:
         point = other.find_mode()[0]
         curves = other.residuals(point)[: shape[0] * shape[1]].reshape(shape)
         first, second = (" with ".join(names) for names in design.sets[:2])
-        title = f"If {first} is true, what {second} leaves in this run: {describe_run(plan.setting, plan.duration)}"
-        axes.set_ylabel("model less model\n[noise of a reading]")
+        title = f"Residuals of {second} if {first} is true, in this run: {describe_run(plan.setting, plan.duration)}"
+        axes.set_ylabel("model − model\n[noise of a reading]")
         axes.axhspan(-1.0, 1.0, color="#E3E3E3", linewidth=0, label="noise, ± 1 sd")
     else:
         C = np.linalg.inv(view.precision)
         curves = np.sqrt(np.einsum("rd,de,re->r", view.S, C, view.S)).reshape(shape)
-        title = f"How open this run is to what is not known yet: {describe_run(plan.setting, plan.duration)}"
+        title = f"Uncertainty of the predicted readings of this run: {describe_run(plan.setting, plan.duration)}"
         axes.set_ylabel("sd of the prediction\n[noise of a reading]")
     for bob, look in enumerate(bob_styles(plan.bobs)):
         axes.plot(run.times, curves[:, bob], linewidth=0.7, label=f"bob {bob + 1}", **{**look, "linestyle": "-"})

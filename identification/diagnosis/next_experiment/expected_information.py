@@ -1,9 +1,12 @@
-"""The next experiment: of all that the cradle and fewer of its bobs allow, the one that should tell most.
+"""The next experiment: the most informative run with the cradle, or with fewer of its bobs.
 
-Models in question are told apart by the log Bayes factor to be expected between them, the least over which of them is
-true and which of the others is doubted: to first order on a grid, then, for the best, simulated: data are drawn, and
-each model is refitted to them. Where no models are in question, it is λ that should become certain:
-½ ln(gᵀ C g / gᵀ (C⁻¹ + SᵀS)⁻¹ g), g = dλ/dx.
+If models are in question, the information of a run is the expected log Bayes factor between two of them, the smaller
+one of either being true. A grid of runs gives it to first order. The best runs are then simulated: data are drawn, and
+each model is refitted to them.
+
+Otherwise the information is the gain for λ, ½ ln(gᵀ C g / gᵀ (C⁻¹ + SᵀS)⁻¹ g) with g = dλ/dx: the logarithm of the
+factor by which the run reduces the standard deviation of λ (Bayesian c-optimal design; Chaloner and Verdinelli 1995,
+Statistical Science 10, 273).
 """
 
 from __future__ import annotations
@@ -32,9 +35,9 @@ _POOL = 6
 _SIMULATED = 2
 #: Draws of data in each of them: their scatter gives the standard error.
 _DRAWS = 4
-#: Standard errors that the simulated log Bayes factor must be above what counts as told apart.
+#: Standard errors that the simulated log Bayes factor must be above what separates two models.
 _LUCK_SE = 2.0
-#: What settles it where no run does: how a member is measured by itself.
+#: How to measure an effect directly, if no run separates it from another.
 DIRECT_MEASUREMENTS = {
     "added_mass": "weigh the bobs and work out the air that their volume drags along",
     "angle_offset": "film a plumb line",
@@ -49,9 +52,12 @@ DIRECT_MEASUREMENTS = {
 
 @dataclass(frozen=True)
 class Plan:
-    """An experiment that could be done, and what it should tell, of models their log Bayes factor, of λ the logarithm
-    of the gain: to first order (`predicted`), and simulated with its standard error, nan for a single draw; both nan
-    where it was not simulated."""
+    """A possible run and its expected information.
+
+    duration [s]. predicted: information to first order, a log Bayes factor or the logarithm of the gain for λ.
+    simulated, standard_error: the same from simulated data; the error is nan for a single draw, both are nan if the run
+    was not simulated.
+    """
 
     setting: Setting
     release: Release
@@ -62,12 +68,12 @@ class Plan:
 
     @property
     def expected_log_bayes(self) -> float:
-        """The simulated value where there is one."""
+        """The simulated information if there is one, else the predicted one."""
         return self.predicted if math.isnan(self.simulated) else self.simulated
 
     @property
     def bobs(self) -> int:
-        """On the cradle."""
+        """Number of bobs on the cradle."""
         return self.setting.bobs
 
     @property
@@ -78,8 +84,12 @@ class Plan:
 
 @dataclass(frozen=True)
 class Advice:
-    """Plans, the most telling first; separates: sets of effects that they tell apart (none: they tell of λ);
-    inseparable: pairs of sets that no plan tells apart, of which the best would give so much (`best`) in log Bayes."""
+    """The possible runs.
+
+    plans: the most informative first. separates: sets of effects that they tell apart; () for λ. inseparable: pairs of
+    sets that no run tells apart. best: largest expected log Bayes factor between such a pair. criteria: those of the
+    diagnosis.
+    """
 
     plans: tuple[Plan, ...]
     separates: tuple[tuple[str, ...], ...]
@@ -89,12 +99,12 @@ class Advice:
 
     @property
     def separates_none(self) -> bool:
-        """Whether no plan tells any of the models apart."""
+        """Whether no run tells any of the models apart."""
         return bool(self.inseparable) and not self.separates
 
     @property
     def alternative(self) -> str:
-        """What to do about what no run tells apart, in words; empty where all is."""
+        """What to do about the pairs that no run tells apart, in words; "" if there are none."""
         if not self.inseparable:
             return ""
         pairs = "; ".join(" and ".join(" with ".join(names) for names in pair) for pair in self.inseparable)
@@ -103,16 +113,16 @@ class Advice:
         measure = f": measure mass, length or clock directly ({', or '.join(ways)})." if ways else "."
         if self.best >= self.criteria.equivalent_log_odds:
             return (
-                f"Whether an experiment of this kind separates {pairs} is open (the best would give a log Bayes factor"
-                f" of {self.best:.2g}, within its scatter){measure}"
+                f"An experiment of this kind may or may not separate {pairs} (the best has an expected log Bayes factor"
+                f" of {self.best:.2g}, less than two standard errors above the threshold){measure}"
             )
         return (
-            f"No experiment of this kind separates {pairs} (the best would give a log Bayes factor of"
+            f"No experiment of this kind separates {pairs} (the best has an expected log Bayes factor of"
             f" {self.best:.2g}){measure}"
         )
 
     def content(self) -> dict[str, Any]:
-        """As in diagnosis.json; no release where none would tell the models apart."""
+        """The entry of diagnosis.json; its release is None if no run tells the models apart."""
         plan = None if self.separates_none else self.plans[0]
         release = None if plan is None else {"bobs": plan.setting.lifted, "angle": plan.setting.angle}
         return {
@@ -135,7 +145,7 @@ def advise(
     progress: Progress | None = None,
     criteria: Criteria = DEFAULT_CRITERIA,
 ) -> Advice | None:
-    """The experiments that tell the models apart, each named by its set of effects; None if none can be done."""
+    """The runs that tell models apart, each model named by its set of effects; None if no run can be simulated."""
     progress = progress or (lambda *_: None)
     instrument = Instrument.of(models[0])
     pairs = list(itertools.combinations(range(len(models)), 2))
@@ -153,12 +163,12 @@ def advise(
         for k, setting in enumerate(chosen):
             duration = settings[setting][0]
             progress(f"simulate, {draws} each", k / len(chosen), describe_run(setting, duration))
-            found = simulate_log_bayes(models, instrument.run(setting, duration), seed, draws)
-            if found is not None:
-                simulated[setting] = _lesser_of_pairs(*found, pairs)
+            factors = simulate_log_bayes(models, instrument.run(setting, duration), seed, draws)
+            if factors is not None:
+                simulated[setting] = _lesser_of_pairs(*factors, pairs)
 
-    # First order errs by what unknowns absorb over long steps: a draw at the best angles chooses what is looked at
-    # well.
+    # First order fails where unknowns absorb much over long steps. One draw at each of the best angles chooses the
+    # settings that are simulated again.
     pool: dict[tuple[int, int, float], Setting] = {}
     for setting in settings:
         pool.setdefault((setting.bobs, setting.lifted, setting.angle), setting)
@@ -167,29 +177,28 @@ def advise(
     simulate_each(chosen, _DRAWS)
     if not simulated:
         return None
-    # What luck in the draws may account for does not tell models apart.
-    surely = [simulated[s][0] - _LUCK_SE * simulated[s][1] for s in chosen]
-    apart = np.nanmax(surely, axis=0) >= criteria.equivalent_log_odds
+    lower_bounds = [simulated[s][0] - _LUCK_SE * simulated[s][1] for s in chosen]
+    separable = np.nanmax(lower_bounds, axis=0) >= criteria.equivalent_log_odds
     most = np.max([simulated[s][0] for s in chosen], axis=0)
-    ranked = apart if apart.any() else np.ones(len(pairs), bool)
+    ranked = separable if separable.any() else np.ones(len(pairs), bool)
     plans = []
     for setting, (duration, predicted) in settings.items():
         mean, error = simulated.get(setting, (np.full(len(pairs), math.nan),) * 2)
         least = int(np.argmin(np.where(ranked, mean, math.inf)))
         plans.append(_plan(setting, instrument, duration, float(predicted[ranked].min()), mean[least], error[least]))
     plans.sort(key=lambda plan: (math.isnan(plan.standard_error), math.isnan(plan.simulated), -plan.expected_log_bayes))
-    told_apart = dict.fromkeys(k for pair, yes in zip(pairs, apart, strict=True) if yes for k in pair)
+    separated = dict.fromkeys(k for pair, yes in zip(pairs, separable, strict=True) if yes for k in pair)
     return Advice(
         tuple(plans),
-        tuple(sets[k] for k in sorted(told_apart)),
-        tuple((sets[i], sets[j]) for (i, j), yes in zip(pairs, apart, strict=True) if not yes),
-        float(most[~apart].max(initial=-math.inf)) if not apart.all() else math.nan,
+        tuple(sets[k] for k in sorted(separated)),
+        tuple((sets[i], sets[j]) for (i, j), yes in zip(pairs, separable, strict=True) if not yes),
+        float(most[~separable].max(initial=-math.inf)) if not separable.all() else math.nan,
         criteria,
     )
 
 
 def advise_on_lambda(fitted: Fitted, progress: Progress | None = None) -> Advice | None:
-    """Ranks the grid by what it tells of λ, that of the first run's setting; None where there is no λ."""
+    """The runs that constrain λ of the first run's setting; None if λ is not defined."""
     gradient = _lambda_gradient(fitted)
     if gradient is None:
         return None
@@ -200,7 +209,7 @@ def advise_on_lambda(fitted: Fitted, progress: Progress | None = None) -> Advice
     g = np.array([gradient[name] for name in names])
 
     def gain(planned: list[PlannedRun], duration: float) -> np.ndarray:
-        """An unknown that the run does not see, as k_f with one bob, stays as uncertain as it is."""
+        """Unknowns that the run does not have, such as k_f with one bob, keep their uncertainty."""
         view = planned[0].linearized.until(duration)
         shared = [i for i, name in enumerate(view.names) if name in names]
         rest = [i for i, name in enumerate(view.names) if name not in names]
@@ -219,40 +228,42 @@ def advise_on_lambda(fitted: Fitted, progress: Progress | None = None) -> Advice
     return Advice(tuple(plans), ()) if plans else None
 
 
-def _plan(setting: Setting, instrument: Instrument, duration: float, *told: float) -> Plan:
+def _plan(setting: Setting, instrument: Instrument, duration: float, *information: float) -> Plan:
     release = Release(angle=setting.angle, bobs=setting.lifted, start=instrument.start)
-    return Plan(setting, release, duration, *map(float, told))
+    return Plan(setting, release, duration, *map(float, information))
 
 
 def simulate_log_bayes(
     models: Sequence[Fitted], run: Any, seed: int, draws: int
 ) -> tuple[np.ndarray, np.ndarray] | None:
-    """(mean, standard error) of the log Bayes factor of model i over model j in data that model i gives, (M, M) each,
-    the latter nan for one draw; None where the run cannot be simulated."""
+    """(mean, standard error) of the log Bayes factor of model i over model j for data of model i, (M, M) each.
+
+    The error is nan for one draw. Returns None if the run cannot be simulated.
+    """
     planned = [PlannedRun(model, run) for model in models]
-    found = np.zeros((draws, len(models), len(models)))
+    factors = np.zeros((draws, len(models), len(models)))
     try:
         for draw, true in itertools.product(range(draws), range(len(models))):
-            # The same luck in every setting, so that these can be compared.
+            # The same random numbers in every setting, so that settings can be compared.
             readings, behind = planned[true].draw_readings(np.random.default_rng([seed, draw, true]))
             evidence = np.array([model.with_readings(readings).log_evidence(behind) for model in planned])
-            found[draw, true] = evidence[true] - evidence
+            factors[draw, true] = evidence[true] - evidence
     except (ImpossibleModelError, np.linalg.LinAlgError):
         return None
-    error = found.std(axis=0, ddof=1) / math.sqrt(draws) if draws > 1 else np.full(found.shape[1:], math.nan)
-    return found.mean(axis=0), error
+    error = factors.std(axis=0, ddof=1) / math.sqrt(draws) if draws > 1 else np.full(factors.shape[1:], math.nan)
+    return factors.mean(axis=0), error
 
 
 def _lesser_of_pairs(
     mean: np.ndarray, error: np.ndarray, pairs: Sequence[tuple[int, int]]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Of each pair the lesser of the two log Bayes factors, and its standard error."""
+    """The smaller one of the two log Bayes factors of each pair, and its standard error."""
     lesser = [(i, j) if mean[i, j] <= mean[j, i] else (j, i) for i, j in pairs]
     return np.array([mean[at] for at in lesser]), np.array([error[at] for at in lesser])
 
 
 def _lambda_gradient(fitted: Fitted) -> dict[str, float] | None:
-    """dλ/dx by the unknowns of the cradle, over one standard deviation to either side; None where λ is not defined."""
+    """dλ/dx for the cradle's unknowns, by central differences of one standard deviation; None if λ is not defined."""
     likelihood = fitted.likelihood
     run = fitted.experiment.runs[0]
     deviations = np.sqrt(np.diag(fitted.covariance))
@@ -263,14 +274,15 @@ def _lambda_gradient(fitted: Fitted) -> dict[str, float] | None:
     def rate(point: np.ndarray) -> float:
         return simulate(likelihood.cradle(likelihood.values(point)), release, ledger=False).newton_exponent()
 
-    found = {}
+    gradient = {}
     for i, u in enumerate(likelihood.unknowns):
         if not u.nuisance:
             step = np.zeros_like(fitted.point)
             step[i] = deviations[i]
             low, high = (np.clip(fitted.point + side * step, *bounds(likelihood)) for side in (-1.0, 1.0))
             try:
-                found[u.name] = (rate(high) - rate(low)) / (high[i] - low[i])
+                gradient[u.name] = (rate(high) - rate(low)) / (high[i] - low[i])
             except (ImpossibleModelError, np.linalg.LinAlgError):
                 return None
-    return found if found and all(map(np.isfinite, found.values())) and any(found.values()) else None
+    usable = gradient and all(map(np.isfinite, gradient.values())) and any(gradient.values())
+    return gradient if usable else None

@@ -1,5 +1,7 @@
-"""A fitted model in an experiment that could be done: what it predicts, what its unknowns could absorb there, and how
-probable it makes data of that experiment, all in the light of the data there are."""
+"""A planned run: what a fitted model predicts for it, and how probable data of that run are under the model.
+
+The posterior of the present data is the prior of the unknowns in the planned run.
+"""
 
 from __future__ import annotations
 
@@ -38,7 +40,7 @@ _EVALUATIONS = 20
 
 @dataclass(frozen=True)
 class Setting:
-    """A run that could be done: bobs on the cradle, how many of them are lifted, to what angle [rad], and δ."""
+    """The setting of a run: bobs on the cradle, number of bobs lifted, release angle [rad], and δ."""
 
     bobs: int
     lifted: int
@@ -48,8 +50,11 @@ class Setting:
 
 @dataclass(frozen=True)
 class Instrument:
-    """How a run would be recorded: as the first one was. noise [rad or m] of a reading, `rate` of them per second;
-    angle_sd [rad], time_sd [s] of the release; inflation: of χ² by residuals that are not white."""
+    """How runs are recorded: as the first run was.
+
+    noise: of a reading [rad or m]. rate: readings per second. angle_sd [rad], time_sd [s]: uncertainty of the release.
+    inflation: of χ² by correlated residuals.
+    """
 
     quantity: str
     unit: str
@@ -64,7 +69,7 @@ class Instrument:
 
     @classmethod
     def of(cls, fitted: Fitted) -> Instrument:
-        """That of a fitted experiment."""
+        """The instrument of a fitted experiment."""
         run, release = fitted.experiment.runs[0], fitted.experiment.runs[0].release
         rate = 1.0 / float(np.median(np.diff(run.times)))
         known = _UNSTATED if release is None else (release.angle_sd, release.time_sd)
@@ -81,7 +86,7 @@ class Instrument:
         )
 
     def run(self, setting: Setting, duration: float) -> Run:
-        """The run, without readings."""
+        """The planned run; its readings are zeros."""
         rate = min(self.rate, _RATE)
         times = np.arange(round(duration * rate) + 1) / rate
         release = Release(angle=setting.angle, bobs=setting.lifted, start=self.start)
@@ -99,9 +104,9 @@ class Instrument:
 
 
 class PlannedRun(Likelihood):
-    """The likelihood of a planned run, with what the fit to the data there are says of its unknowns as their prior.
+    """The likelihood of a planned run, with the posterior of the present data as the prior of its unknowns.
 
-    precision: C⁻¹ (D, D) of that prior in sampled coordinates; before: its mean (D,), the mode of the fit.
+    precision (D, D): C⁻¹ of the prior in sampled coordinates. prior_mean (D,): the mode of the fit.
     """
 
     @raises_impossible
@@ -116,8 +121,8 @@ class PlannedRun(Likelihood):
         self._root = np.linalg.cholesky(self.precision).T
 
     def _precision(self, fitted: Fitted) -> np.ndarray:
-        """Of the old posterior for what is shared, of its prior for what belongs to the run."""
-        # Where no prior says so, rest positions and the like are as good as free.
+        """The posterior's precision for shared unknowns, the prior's for those of the run."""
+        # Unknowns of the run without a prior, such as rest positions, are free.
         precision = np.diag([1e-9 if math.isnan(u.sd) else u.sd**-2 for u in self.unknowns])
         shared = [i for i, u in enumerate(self.unknowns) if not u.nuisance]
         theirs = [fitted.likelihood.names.index(self.names[i]) for i in shared]
@@ -125,14 +130,14 @@ class PlannedRun(Likelihood):
         return 0.5 * (precision + precision.T)
 
     def residuals(self, point: np.ndarray) -> np.ndarray:
-        """Model less readings over the noise, then what departs from the prior, in its standard deviations."""
+        """Model less readings over the noise, then the departure from the prior in its standard deviations."""
         run = self.experiment.runs[0]
         data = (self.predict(point, 0, self.rows[0])[0] - run.readings) / self.noise_model.scales[0]
         return np.concatenate([data.ravel(), self._root @ (point - self.prior_mean)])
 
     @functools.cached_property
     def linearized(self) -> LinearizedRun:
-        """To first order about the mode of the old data."""
+        """The run to first order about the mode of the present data."""
         readings = self.experiment.runs[0].readings
         base = self.residuals(self.prior_mean)
         S = jacobian(self, self.prior_mean, base)[: readings.size]
@@ -141,24 +146,25 @@ class PlannedRun(Likelihood):
         return LinearizedRun(self.names, times, model, S, self.precision)
 
     def with_readings(self, readings: np.ndarray) -> PlannedRun:
-        """The same with readings (T, N) [rad or m]; what is known to first order does not depend on them."""
-        _ = self.linearized
+        """The same run with readings (T, N) [rad or m]."""
+        _ = self.linearized  # it does not depend on the readings, so the copy shares it
         new = copy.copy(self)
         run = dataclasses.replace(self.experiment.runs[0], readings=readings)
         new.experiment = dataclasses.replace(self.experiment, runs=(run,))
         return new
 
     def draw_readings(self, rng: np.random.Generator) -> tuple[np.ndarray, dict[str, float]]:
-        """(readings (T, N) that the model may give, the unknowns behind them): as the old data leave these, and
-        noise."""
+        """(simulated readings (T, N), the unknowns that gave them): unknowns from the prior, and noise."""
         ahead = np.linalg.solve(self._root, rng.standard_normal(len(self.prior_mean)))
         point = np.clip(self.prior_mean + ahead, *bounds(self))
         seen = self.predict(point, 0, self.rows[0])[0]
         return seen + self.noise_model.scales[0] * rng.standard_normal(seen.shape), self.values(point)
 
     def find_mode(self, near: Mapping[str, float] | None = None) -> tuple[np.ndarray, float]:
-        """(point (D,), χ²) of a refit to the readings and the prior, from the best of the old mode, of what is right to
-        first order, and of values near by."""
+        """(point (D,), χ²) of a refit to the readings and the prior.
+
+        It starts at the best of three points: the mode of the present data, the linear solution, and values `near`.
+        """
         S, precision = self.linearized.S, self.precision
         ahead = self.experiment.runs[0].readings.ravel() / self.noise_model.scales[0] - self.linearized.model
         starts = [self.prior_mean, self.prior_mean + np.linalg.solve(S.T @ S + precision, S.T @ ahead)]
@@ -173,7 +179,7 @@ class PlannedRun(Likelihood):
             return math.inf
 
     def log_evidence(self, near: Mapping[str, float]) -> float:
-        """ln p(readings | model, old data), by Laplace, up to what all models have in common."""
+        """ln p(readings | model, present data) by the Laplace approximation, up to a constant of all models."""
         point, cost = self.find_mode(near)
         J = jacobian(self, point, self.residuals(point))
         learned = np.linalg.slogdet(J.T @ J)[1] - np.linalg.slogdet(self.precision)[1]
@@ -181,8 +187,10 @@ class PlannedRun(Likelihood):
 
     @functools.cached_property
     def predictable_duration(self) -> float:
-        """For how long [s] the run keeps to first order, over what the old data leave open of the unknowns: beyond, as
-        where open gaps make an impact now and then, it is chaos, and no refit finds the way."""
+        """Time [s] for which the run stays linear over the prior's uncertainty.
+
+        Beyond it the motion is chaotic, as with open gaps that close now and then, and no refit converges.
+        """
         rng, view, times = np.random.default_rng(0), self.linearized, self.experiment.runs[0].times
         kept = np.ones(len(times), bool)
         for _ in range(_DRAWS):
@@ -201,8 +209,11 @@ class PlannedRun(Likelihood):
 
 @dataclass(frozen=True, eq=False)
 class LinearizedRun:
-    """A model in a planned run, to first order: names of the unknowns (D,), times of the readings (R,), the model
-    over the noise (R,), its derivatives S (R, D), and the unknowns' precision beforehand, C⁻¹ (D, D)."""
+    """A model of a planned run, to first order.
+
+    names (D,): of the unknowns. times (R,): of the readings [s]. model (R,): over the noise. S (R, D): its derivatives.
+    precision (D, D): C⁻¹ of the prior.
+    """
 
     names: Sequence[str]
     times: np.ndarray
@@ -211,16 +222,17 @@ class LinearizedRun:
     precision: np.ndarray
 
     def until(self, duration: float) -> LinearizedRun:
-        """The first so many seconds of the run."""
+        """The run up to a duration [s]."""
         rows = self.times <= duration
         return LinearizedRun(self.names, self.times[rows], self.model[rows], self.S[rows], self.precision)
 
 
 def expected_log_bayes(true: PlannedRun, other: PlannedRun, duration: float) -> float:
-    """Expected log Bayes factor of the true model over another in the first so many seconds, to first order.
+    """Expected log Bayes factor of the true model over another for a run of this duration [s], to first order.
 
-    Both predict normal readings, N(f, 1 + S C Sᵀ); it is the Kullback–Leibler divergence between them,
-    ½ (tr Σ'⁻¹Σ − R + dᵀ Σ'⁻¹ d + ln det Σ'/det Σ), d the difference of their means.
+    Both models predict normal readings, N(f, Σ = 1 + S C Sᵀ). The expectation is the Kullback–Leibler divergence
+    ½ (tr Σ'⁻¹Σ − R + dᵀ Σ'⁻¹ d + ln det Σ'/det Σ) between them, d the difference of their means (Box and Hill 1967,
+    Technometrics 9, 57).
     """
     own, view = true.linearized.until(duration), other.linearized.until(duration)
     d = own.model - view.model

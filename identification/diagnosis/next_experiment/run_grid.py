@@ -1,4 +1,4 @@
-"""The grid of runs that could be done, searched for those that should tell most, to first order."""
+"""The grid of possible runs, searched for the most informative ones to first order."""
 
 from __future__ import annotations
 
@@ -27,12 +27,12 @@ _LONGER = 0.1
 #: Information that is enough: a longer run is not needed for more.
 _ENOUGH = 1e4
 
-#: What models in a planned run tell in so many seconds: a number for each pair of them, or one of λ.
+#: Expected information of a planned run of a given duration [s]: one number per pair of models, or one for λ.
 Information = Callable[[list[PlannedRun], float], np.ndarray]
 
 
 def describe_run(setting: Setting, duration: float) -> str:
-    """A plan in a few words."""
+    """A run in a few words."""
     lifted = f", {setting.lifted} released" if setting.bobs > 1 else " released"
     bobs = f"{setting.bobs} bob{'s' if setting.bobs > 1 else ''}"
     delta = f", δ = {setting.delta}" if setting.bobs > 1 else ""
@@ -42,64 +42,66 @@ def describe_run(setting: Setting, duration: float) -> str:
 def search_grid(
     models: Sequence[Fitted], instrument: Instrument, information: Information, progress: Progress, criteria: Criteria
 ) -> dict[Setting, tuple[float, np.ndarray]]:
-    """Settings with their durations and what they should tell, of each pair; the most telling first.
+    """Settings with their duration [s] and expected information, the most informative first.
 
-    First every number of bobs on the cradle and lifted, at one angle and the present δ; then all angles and δ with
-    the best of them.
+    1. Every number of bobs on the cradle and lifted, at one angle and the present δ.
+    2. All angles and δ with the best of these.
     """
     now, most = models[0].experiment.runs[0].delta, models[0].cradle.bobs
     fixed = "delta" in models[0].likelihood.names
-    found: dict[Setting, tuple[float, np.ndarray]] = {}
+    evaluated: dict[Setting, tuple[float, np.ndarray]] = {}
 
-    def look(settings: Sequence[Setting], stage: str) -> None:
+    def evaluate(settings: Sequence[Setting], stage: str) -> None:
         for k, setting in enumerate(settings):
             progress(stage, k / len(settings), describe_run(setting, _DURATIONS[-1]))
-            if setting in found:
+            if setting in evaluated:
                 continue
             try:
-                found[setting] = _evaluate_setting(models, instrument, setting, information)
-            except (ImpossibleModelError, np.linalg.LinAlgError):  # a setting that one of the models cannot be in
+                evaluated[setting] = _evaluate_setting(models, instrument, setting, information)
+            except (
+                ImpossibleModelError,
+                np.linalg.LinAlgError,
+            ):  # one of the models cannot be simulated in this setting
                 continue
 
     shapes = [(n, k) for n in range(1, most + 1) for k in range(1, max(n, 2))]
     for angle in _FIRST_LOOK:
-        look([Setting(n, k, angle, _delta(now, n, most)) for n, k in shapes], "grid")
-        if found:
+        evaluate([Setting(n, k, angle, _delta(now, n, most)) for n, k in shapes], "grid")
+        if evaluated:
             break
-    best = list(dict.fromkeys((s.bobs, s.lifted) for s in rank_settings(found, criteria)))[:_SHAPES]
+    best = list(dict.fromkeys((s.bobs, s.lifted) for s in rank_settings(evaluated, criteria)))[:_SHAPES]
     grid = []
     for n, k in best:
         deltas = [_delta(now, n, most)] if n == 1 or fixed else [_delta(now, n, most), *_DELTAS]
         grid += [Setting(n, k, angle, delta) for angle in _ANGLES for delta in dict.fromkeys(deltas)]
-    look(grid, "grid, closer")
-    return {setting: found[setting] for setting in rank_settings(found, criteria)}
+    evaluate(grid, "grid, closer")
+    return {setting: evaluated[setting] for setting in rank_settings(evaluated, criteria)}
 
 
 def _delta(now: float | tuple[float, ...], bobs: int, most: int) -> float | tuple[float, ...]:
-    """The present δ on a cradle of fewer bobs."""
+    """The present δ for a cradle of fewer bobs."""
     return now if bobs == most or not isinstance(now, tuple) else float(np.mean(now))
 
 
-def rank_settings(found: dict[Setting, tuple[float, np.ndarray]], criteria: Criteria) -> list[Setting]:
-    """By the least of the pairs that any setting tells apart, of all where none does."""
-    if not found:
+def rank_settings(evaluated: dict[Setting, tuple[float, np.ndarray]], criteria: Criteria) -> list[Setting]:
+    """Settings by their smallest information over the pairs that any setting tells apart, or else over all pairs."""
+    if not evaluated:
         return []
-    apart = np.max([value for _, value in found.values()], axis=0) >= criteria.equivalent_log_odds
+    apart = np.max([value for _, value in evaluated.values()], axis=0) >= criteria.equivalent_log_odds
     apart = apart if apart.any() else ~apart
-    return sorted(found, key=lambda setting: -float(found[setting][1][apart].min()))
+    return sorted(evaluated, key=lambda setting: -float(evaluated[setting][1][apart].min()))
 
 
 def _evaluate_setting(
     models: Sequence[Fitted], instrument: Instrument, setting: Setting, information: Information
 ) -> tuple[float, np.ndarray]:
-    """(duration, what the run tells): the shortest run that tells nearly as much as the longest that can be
-    followed."""
+    """(duration [s], information) of the shortest run that is nearly as informative as the longest predictable one."""
     run = instrument.run(setting, _DURATIONS[-1])
     planned = [PlannedRun(model, run) for model in models]
-    followed = min(model.predictable_duration for model in planned)
-    values = [information(planned, duration) for duration in _DURATIONS if duration <= followed]
+    predictable = min(model.predictable_duration for model in planned)
+    values = [information(planned, duration) for duration in _DURATIONS if duration <= predictable]
     if not values:
-        raise ImpossibleModelError(f"no model follows this run beyond {followed:g} s")
+        raise ImpossibleModelError(f"the models cannot predict this run beyond {predictable:g} s")
     wanted = min((1.0 - _LONGER) * values[-1].min(), _ENOUGH)
     k = next(k for k, value in enumerate(values) if value.min() >= wanted or k == len(values) - 1)
     return _DURATIONS[k], values[k]

@@ -1,5 +1,8 @@
-"""A fitted model, window by window with start states of their own: a force shows where it acts, and not smeared over
-all that follows."""
+"""Multiple shooting: a fit in windows of time, each with a start state of its own.
+
+A missing force shows in the window where it acts, and does not change the later windows. Source: Bock (1983), Recent
+advances in parameter identification techniques for ODE, in: Numerical Treatment of Inverse Problems, Birkhäuser.
+"""
 
 from __future__ import annotations
 
@@ -31,13 +34,16 @@ _STATEFUL_EFFECTS = ("string_creep", "frame_compliance")
 
 
 def can_be_segmented(cradle: Cradle) -> bool:
-    """Whether a window can begin anew: with what goes on beside the motion of the bobs, none can."""
+    """Whether the state of the bobs alone can start a window: not if an effect has a state of its own."""
     return not any(map(cradle.has, _STATEFUL_EFFECTS))
 
 
 def fit_multiple_shooting(fitted: Fitted) -> Fitted:
-    """The model refitted to its readings cut into windows: each begins with a state of its own, inferred, near that
-    of the model; the first of a run that begins with a release keeps it. Offsets of rest stay as fitted."""
+    """The model refitted to its readings in windows.
+
+    Each window starts from an inferred state near that of the fitted model. The first window of a run that begins with
+    a release keeps the release. Offsets of the rest positions stay as fitted.
+    """
     experiment, likelihood = fitted.experiment, fitted.likelihood
     runs: list[Run] = []
     origins: list[int] = []
@@ -52,36 +58,36 @@ def fit_multiple_shooting(fitted: Fitted) -> Fitted:
             inside = rows & (run.times >= low) & (run.times < high)
             if not inside.any():
                 continue
-            cut = {"times": run.times[inside], "readings": run.readings[inside] - rest, "rest": "known", "fit_to": None,
-                   "lines": None}  # fmt: skip
+            part = {"times": run.times[inside], "readings": run.readings[inside] - rest, "lines": None}
+            part |= {"rest": "known", "fit_to": None}
             at = f"@{len(runs) + 1}"
             origins.append(k)
             if number == 0:
-                runs.append(dataclasses.replace(run, **cut))
+                runs.append(dataclasses.replace(run, **part))
                 values |= {name.partition("@")[0] + at: value for name, value in fitted.values.items()
                            if name.endswith(f"@{k + 1}")}  # fmt: skip
             else:
-                runs.append(dataclasses.replace(run, **cut, state="free", release=None, fit_from=low))
+                runs.append(dataclasses.replace(run, **part, state="free", release=None, fit_from=low))
                 values |= {name + at: value for name, value in states[number].items()}
-    cut_up = dataclasses.replace(experiment, runs=tuple(runs))
-    view = Likelihood(cut_up, None, likelihood.workers)
-    low, high = bounds(view)
-    start = placed(view, values)
-    length = len(view.residuals(start))
-    reached = least_squares(
-        lambda point: safe_residuals(view, point, length),
+    in_windows = dataclasses.replace(experiment, runs=tuple(runs))
+    shooting = Likelihood(in_windows, None, likelihood.workers)
+    low, high = bounds(shooting)
+    start = placed(shooting, values)
+    length = len(shooting.residuals(start))
+    solution = least_squares(
+        lambda point: safe_residuals(shooting, point, length),
         start,
-        lambda point: _segment_jacobian(view, point),  # type: ignore[arg-type]  # a function, which SciPy's stubs do not know of
+        lambda point: _segment_jacobian(shooting, point),  # type: ignore[arg-type]  # a function, which SciPy's stubs do not know of
         (low - 1e-12, high + 1e-12),
-        x_scale=steps(view),
+        x_scale=steps(shooting),
         max_nfev=_EVALUATIONS,
     )
-    return MultipleShootingFit(view, reached.x, tuple(origins))
+    return MultipleShootingFit(shooting, solution.x, tuple(origins))
 
 
 @dataclass(frozen=True, eq=False)
 class MultipleShootingFit(Fitted):
-    """A fit with start states of each window, whose derivatives are all had at once; origins: the run of each."""
+    """A fit with a start state per window; origins: the run (from 0) of each window."""
 
     origins: tuple[int, ...]
 
@@ -92,7 +98,10 @@ class MultipleShootingFit(Fitted):
 
 
 def _segment_jacobian(likelihood: Likelihood, point: np.ndarray) -> np.ndarray:
-    """`fit.jacobian`, the same quantity of all windows moved at once: each moves its own readings and prior alone."""
+    """Derivatives of the residuals, (R + P, D), by finite differences of one unknown of all windows at once.
+
+    A start state changes only the readings of its window and its own prior, so one simulation serves all windows.
+    """
     base, width, run = likelihood.residuals(point), steps(likelihood), Readings.of(likelihood).run
     priors = len(run) + np.cumsum([not math.isnan(u.sd) for u in likelihood.unknowns]) - 1
     together: dict[str, list[int]] = {}
@@ -108,24 +117,24 @@ def _segment_jacobian(likelihood: Likelihood, point: np.ndarray) -> np.ndarray:
     changes = in_threads(change, list(together.values()), likelihood.workers)
     for places, changed in zip(together.values(), changes, strict=True):
         for i in places:
-            window = likelihood.names[i].partition("@")[2]
-            own = np.flatnonzero(run == int(window) - 1) if window else np.arange(len(run))
+            number = likelihood.names[i].partition("@")[2]
+            own = np.flatnonzero(run == int(number) - 1) if number else np.arange(len(run))
             own = own if math.isnan(likelihood.unknowns[i].sd) else np.append(own, priors[i])
             J[own, i] = changed[own] / width[i]
     return J
 
 
 def _segment_edges(times: np.ndarray, width: float) -> np.ndarray:
-    """Where windows begin, and past the end of the last; readings (T,) [s]."""
+    """Times [s] at which windows begin, then infinity; times (T,): of the readings [s]."""
     return np.append(equal_edges(times[0], times[-1], width)[:-1], np.inf)
 
 
 def _start_states(fitted: Fitted, index: int, starts: np.ndarray) -> list[dict[str, float]]:
-    """Of run `index` at each time [s], the model's state by the names of the unknowns of a free start."""
+    """The model's state of run `index` at each time of `starts` [s], by the names of a free start's unknowns."""
     motion = fitted.likelihood.motion(fitted.values, index, starts)
     cradle = motion.cradle
     hanging = hanging_radius(cradle, np.full(cradle.bobs, WORN) if cradle.has("string_hysteresis") else None)
-    found = []
+    states = []
     for row in range(len(starts)):
         state = {}
         for i in range(cradle.bobs):
@@ -135,5 +144,5 @@ def _start_states(fitted: Fitted, index: int, starts: np.ndarray) -> list[dict[s
                 f"stretch[{i + 1}]": motion.r[row, i] - hanging[i],
                 f"r_dot[{i + 1}]": motion.r_dot[row, i],
             }
-        found.append(state)
-    return found
+        states.append(state)
+    return states

@@ -1,7 +1,9 @@
-"""Where model and data part: places by run, bob, time and phase, the largest of them judged by refitted replicates.
+"""Tests of the residuals by run, bob, time and phase, and the p-value of the largest of them.
 
-At each place a statistic asks whether the residuals there are noise. Its surprise is −log10 of the tail of the χ² that
-it would follow for white noise; what unknowns absorb, and how many places there are, enters by the replicates.
+Each test asks whether part of the residuals is noise. Its statistic is −log10 p of the χ² that white noise would give.
+These p do not count what the fit absorbed nor how many tests there are. So the largest statistic is compared with the
+largest in each of many replicates, refits to simulated data of the same model: a parametric bootstrap of the maximum
+(Westfall and Young 1993, Resampling-Based Multiple Testing).
 """
 
 from __future__ import annotations
@@ -44,24 +46,27 @@ PHASES = {
     "all": "all residuals",
     "flight": "in flight",
     "impact": "near impacts",
-    "amplitude": "an amplitude that is off",
-    "frequency": "a frequency that is off",
-    "energy": "energy lost otherwise",
-    "unknowns": "unknowns other than those of the whole",
-    "within": "within the window, its start inferred",
+    "amplitude": "a wrong amplitude",
+    "frequency": "a wrong frequency",
+    "energy": "a wrong loss of energy",
+    "unknowns": "other best-fit values than in the whole run",
+    "within": "within the window, with its start state inferred",
 }
 
 
 def describe_phase(phase: str) -> str:
-    """What was sought in a place: one of `PHASES`, a line, or a sector of the swing."""
+    """What a test looks for, in words: one of `PHASES`, a spectral line, or a sector of the swing."""
     return PHASES.get(phase, f"{phase} of the swing" if phase.endswith("°") else f"a {phase}")
 
 
 @dataclass(frozen=True)
 class ResidualTest:
-    """Part of the residuals: rows (R',) among them, and what is sought there: orthonormal columns (R', k), or, with
-    None, the sum of squares. bob −1: all bobs; phase: one of `PHASES`, "line", or a sector of the swing, of which 0° is
-    where x is largest."""
+    """A test of part of the residuals.
+
+    run: from 0. bob: from 0; −1: all bobs. interval: its ends in the file [s]. phase: one of `PHASES`, "line", or a
+    sector of the swing, of which 0° is where x is largest. rows (R',): among the residuals. basis (R', k): orthonormal
+    columns, whose components of the residuals are squared and summed; None: all squared residuals are summed.
+    """
 
     run: int
     bob: int
@@ -71,38 +76,40 @@ class ResidualTest:
     basis: np.ndarray | None
 
     def neg_log10_p(self, residuals: np.ndarray) -> np.ndarray:
-        """−log10 p of residuals (R,) or (R, M), were they white."""
+        """−log10 p of residuals (R,) or (R, M) if they were white noise."""
         here = residuals[self.rows]
         parts = here if self.basis is None else self.basis.T @ here
         return neg_log10_p(np.sum(parts**2, axis=0), len(parts))
 
     def label(self, residuals: np.ndarray) -> str:
-        """The phase, as reports have it."""
+        """The phase as reports show it."""
         return self.phase
 
 
 @dataclass(frozen=True)
 class LineTest(ResidualTest):
-    """A place where a single frequency is sought, the same force on all bobs or on one: times (R',) [s] of its rows,
-    and frequencies (F,) [Hz], of which the best counts."""
+    """A test for a spectral line: a single frequency, in phase for all bobs or of one bob.
+
+    times (R',): of its rows [s]. frequencies (F,): of which the best counts [Hz].
+    """
 
     times: np.ndarray
     frequencies: np.ndarray
 
     def neg_log10_p(self, residuals: np.ndarray) -> np.ndarray:
-        """−log10 p of the best frequency, for as many as can be told apart."""
+        """−log10 p of the best frequency, corrected for the number of independent ones."""
         best = np.max(line_power(self.times, residuals[self.rows], self.frequencies), axis=0)
         return neg_log10_p(best, 2) - np.log10(count_independent(self.frequencies))
 
     def label(self, residuals: np.ndarray) -> str:
-        """The phase, with the best frequency."""
+        """The phase with the best frequency."""
         best = np.argmax(line_power(self.times, residuals[self.rows], self.frequencies))
         return f"line at {self.frequencies[best]:.3g} Hz"
 
 
 @dataclass(frozen=True)
 class EnergyExcess:
-    """Energy [J] that the bobs of a run hold beyond the model at a time [s] of its file, and its sd; all bobs."""
+    """Energy of all bobs of a run beyond the model [J], with its standard deviation, at a time in the file [s]."""
 
     run: int
     time: float
@@ -112,9 +119,12 @@ class EnergyExcess:
 
 @dataclass(frozen=True)
 class ResidualScan:
-    """Where model and data part: `where`, the most surprising first, each with its statistic (−log10 p of the place
-    alone) and p among all places; p: that of the most surprising; replicas: the largest surprise in each replicate;
-    ledger: where the data hold more or less energy than the model."""
+    """All tests of the residuals of a fit.
+
+    where: the significant tests as diagnosis.json has them, the largest first. p: of the largest test among all.
+    largest: its −log10 p alone. replicate_maxima (M,): the largest −log10 p in each replicate. neg_log10_p: of each of
+    `tests`. energy_excess: energy of the data beyond the model, by window.
+    """
 
     where: tuple[dict, ...]
     p: float
@@ -126,12 +136,16 @@ class ResidualScan:
 
 
 def neg_log10_p(statistic: np.ndarray | float, degrees: int) -> np.ndarray:
-    """−log10 of the tail of χ² with so many degrees of freedom, also where the tail is no number any more."""
+    """−log10 of the tail probability of χ²; finite even where the probability underflows."""
     return -chi2_log_tail(statistic, degrees) / np.log(10.0)
 
 
 def chi2_log_tail(statistic: np.ndarray | float, degrees: int) -> np.ndarray:
-    """ln of the tail of χ², (x/2)^(k/2 − 1) e^(−x/2)/Γ(k/2) · 1/(1 − (k − 2)/x) far out."""
+    """ln of the tail probability of χ².
+
+    Far out it is the asymptotic series' leading term, (x/2)^(k/2 − 1) e^(−x/2)/Γ(k/2) · 1/(1 − (k − 2)/x)
+    (Abramowitz and Stegun, 6.5.32).
+    """
     x = np.asarray(statistic, dtype=float)
     near = chi2.logsf(np.minimum(x, degrees + 600.0), degrees)
     far = np.maximum(x, degrees + 600.0)
@@ -140,35 +154,35 @@ def chi2_log_tail(statistic: np.ndarray | float, degrees: int) -> np.ndarray:
 
 
 def scan_residuals(fitted: Fitted, replicates: np.ndarray) -> ResidualScan:
-    """Scans all places; replicates: (R + P, M), see `Fitted.replicates`."""
-    in_windows = start_state_windows(fitted)
-    tests = list_residual_tests(fitted, in_windows)
-    found = np.array([float(test.neg_log10_p(fitted.residuals)) for test in tests])
+    """Runs all tests on a fit and on its replicates (R + P, M), see `Fitted.replicates`."""
+    windows = start_state_windows(fitted)
+    tests = list_residual_tests(fitted, windows)
+    statistics = np.array([float(test.neg_log10_p(fitted.residuals)) for test in tests])
     replicate_maxima = np.max([test.neg_log10_p(replicates) for test in tests], axis=0)
-    by_size = np.argsort(-found)
+    by_size = np.argsort(-statistics)
     where = []
     for i in by_size[:_MAX_REPORTED]:
-        p = replicate_p_value(replicate_maxima, float(found[i]))
+        p = replicate_p_value(replicate_maxima, float(statistics[i]))
         if p <= _REPORTED_P:
-            where.append(_describe_test(fitted, tests[i], float(found[i]), p))
-    largest = float(found[by_size[0]])
-    ledger = [
+            where.append(_describe_test(fitted, tests[i], float(statistics[i]), p))
+    largest = float(statistics[by_size[0]])
+    energy_excess = [
         EnergyExcess(window.run, window.interval[0], float(window.energy @ fitted.residuals[window.rows]), window.sd)
-        for window in in_windows
+        for window in windows
     ]  # fmt: skip
     return ResidualScan(
         tuple(where),
         replicate_p_value(replicate_maxima, largest),
         largest,
         replicate_maxima,
-        found,
+        statistics,
         tuple(tests),
-        tuple(ledger),
+        tuple(energy_excess),
     )
 
 
 def replicate_p_value(replicate_maxima: np.ndarray, value: float) -> float:
-    """p: how often replicates reach the value, counting the data as one of them."""
+    """Share of replicates that reach the value; the data count as one of them, so it is never 0."""
     return float((1 + np.sum(replicate_maxima >= value)) / (1 + len(replicate_maxima)))
 
 
@@ -183,10 +197,15 @@ def _describe_test(fitted: Fitted, test: ResidualTest, statistic: float, p: floa
     }
 
 
-def list_residual_tests(fitted: Fitted, found: list[Window]) -> list[ResidualTest]:
-    """Every place that is scanned: each run as a whole, and a line in it; of each bob all, its sectors of phase, its
-    amplitude, its timing and a line; and windows of time: in flight by the harmonics of the swing, near impacts by the
-    sum of squares, and, with the state at the start of the window inferred, by the harmonics again."""
+def list_residual_tests(fitted: Fitted, windows: list[Window]) -> list[ResidualTest]:
+    """All tests.
+
+    - Of each run: all residuals, a spectral line, and the energy of the windows.
+    - Of each first part of a run: best-fit values other than those of the whole run.
+    - Of each bob: all residuals, sectors of the swing's phase, slow changes of amplitude and of frequency, a line.
+    - Of each bob in each window: in flight the harmonics of the swing, near impacts the sum of squares, and the
+      harmonics again with the window's start state inferred.
+    """
     tests = []
     omega = 2.0 * np.pi / fitted.cradle.period
     for motion in model_motions(fitted):
@@ -194,9 +213,9 @@ def list_residual_tests(fitted: Fitted, found: list[Window]) -> list[ResidualTes
         ends = window_edges(fitted, run)
         whole = (float(ends[0]), float(ends[-1]))
         tests.append(ResidualTest(run, -1, whole, "all", motion.rows, None))
-        sought = frequency_grid(whole[1] - whole[0], fitted.cradle.period)
-        if len(sought):
-            tests.append(LineTest(run, -1, whole, "line", motion.rows, None, motion.time, sought))
+        frequencies = frequency_grid(whole[1] - whole[0], fitted.cradle.period)
+        if len(frequencies):
+            tests.append(LineTest(run, -1, whole, "line", motion.rows, None, motion.time, frequencies))
         angle = np.mod(np.arctan2(-motion.speed, motion.theta), 2.0 * np.pi)
         sector = np.minimum((angle * _SECTORS / (2.0 * np.pi)).astype(int), _SECTORS - 1)
         for bob in np.unique(motion.bob):
@@ -210,13 +229,13 @@ def list_residual_tests(fitted: Fitted, found: list[Window]) -> list[ResidualTes
                         add(whole, f"{360 * s // _SECTORS}–{360 * (s + 1) // _SECTORS}°", motion.rows[inside],
                             np.full((int(inside.sum()), 1), inside.sum() ** -0.5))
                     )  # fmt: skip
-            if len(sought) and fitted.cradle.bobs > 1 and mine.sum() >= _MIN_READINGS:
+            if len(frequencies) and fitted.cradle.bobs > 1 and mine.sum() >= _MIN_READINGS:
                 rows, time = motion.rows[mine], motion.time[mine]
-                tests.append(LineTest(run, int(bob), whole, "line", rows, None, time, sought))
-            # Residuals along θ are an amplitude that is off, along θ̇ a frequency.
-            course = _slow_basis(motion.time[mine], whole)
+                tests.append(LineTest(run, int(bob), whole, "line", rows, None, time, frequencies))
+            # A wrong amplitude leaves residuals along θ, a wrong frequency along θ̇.
+            slow = _slow_basis(motion.time[mine], whole)
             for phase, shape in (("amplitude", motion.theta[mine]), ("frequency", motion.speed[mine])):
-                tests.append(add(whole, phase, motion.rows[mine], span(shape[:, None] * course)))
+                tests.append(add(whole, phase, motion.rows[mine], span(shape[:, None] * slow)))
             for low, high in itertools.pairwise(ends):
                 window = mine & (motion.time >= low) & ((motion.time < high) | (high == whole[1]))
                 flight, impact = window & ~motion.near_impact, window & motion.near_impact
@@ -226,9 +245,9 @@ def list_residual_tests(fitted: Fitted, found: list[Window]) -> list[ResidualTes
                 if impact.sum() >= _MIN_IMPACT_READINGS:
                     tests.append(add((float(low), float(high)), "impact", motion.rows[impact], None))
     tests += _early_part_tests(fitted)
-    for run in sorted({window.run for window in found}):
-        tests.append(_energy_test([window for window in found if window.run == run]))
-    for window in found:
+    for run in sorted({window.run for window in windows}):
+        tests.append(_energy_test([window for window in windows if window.run == run]))
+    for window in windows:
         of_bob = fitted.readings.bob[window.rows]
         for bob in np.unique(of_bob):
             mine = of_bob == bob
@@ -238,13 +257,15 @@ def list_residual_tests(fitted: Fitted, found: list[Window]) -> list[ResidualTes
             columns[mine] = _harmonic_basis(omega * fitted.readings.time[window.rows][mine])
             left = columns - window.absorbed @ (window.absorbed.T @ columns)
             tests.append(ResidualTest(window.run, int(bob), window.interval, "within", window.rows, span(left)))
-    # Of a bob that the model leaves exactly at rest there is no amplitude that could be off.
+    # A bob that the model leaves exactly at rest has no amplitude to be wrong.
     return [test for test in tests if test.basis is None or test.basis.shape[1]]
 
 
 def _early_part_tests(fitted: Fitted) -> list[ResidualTest]:
-    """The first parts of each run by what the unknowns would be from them alone: of a model that only bends towards
-    the data, they differ from what they are over all."""
+    """Tests whether first parts of each run alone have other best-fit values than the whole run.
+
+    A right model has the same values in both. A wrong one is biased differently, for the residuals change with time.
+    """
     tests = []
     for run in np.unique(fitted.readings.run):
         first, last = (end(fitted.readings.time[fitted.readings.run == run]) for end in (np.min, np.max))
@@ -258,24 +279,24 @@ def _early_part_tests(fitted: Fitted) -> list[ResidualTest]:
 
 
 def _slow_basis(time: np.ndarray, whole: tuple[float, float]) -> np.ndarray:
-    """Slow courses over a run: Legendre polynomials in time, (T, K)."""
+    """Slow changes over a run: Legendre polynomials in time, (T, K)."""
     return legvander(2.0 * (time - whole[0]) / (whole[1] - whole[0]) - 1.0, _DEGREE)
 
 
-def _energy_test(found: list[Window]) -> ResidualTest:
-    """A run by the energy that the data hold beyond the model, window by window, in slow courses."""
-    whole = found[0].interval[0], found[-1].interval[1]
-    course = _slow_basis(np.array([window.interval[0] for window in found]), whole)
+def _energy_test(windows: list[Window]) -> ResidualTest:
+    """Tests for slow changes of the energy that the data of a run hold beyond the model."""
+    whole = windows[0].interval[0], windows[-1].interval[1]
+    slow = _slow_basis(np.array([window.interval[0] for window in windows]), whole)
     columns = np.concatenate([
-        np.outer(window.energy / window.sd**2, own) for window, own in zip(found, course, strict=True)
+        np.outer(window.energy / window.sd**2, own) for window, own in zip(windows, slow, strict=True)
     ])  # fmt: skip
     return ResidualTest(
-        found[0].run, -1, whole, "energy", np.concatenate([window.rows for window in found]), span(columns)
+        windows[0].run, -1, whole, "energy", np.concatenate([window.rows for window in windows]), span(columns)
     )
 
 
 def _harmonic_basis(angle: np.ndarray) -> np.ndarray:
-    """Orthonormal columns (R', 1 + 2 H) of a constant and the first harmonics."""
+    """Orthonormal basis (R', 1 + 2 H) of a constant and the first H harmonics."""
     columns = [np.ones_like(angle)]
     for h in range(1, _HARMONICS + 1):
         columns += [np.cos(h * angle), np.sin(h * angle)]

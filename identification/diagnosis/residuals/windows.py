@@ -1,5 +1,8 @@
-"""Data and model window by window, the state at the start of each window inferred, so that a cause is seen where it
-acts and not smeared over what follows; and the energy that these states hold, beside that of the model."""
+"""The fitted model compared with the data window by window, with the state at the start of each window inferred.
+
+A missing force changes all later motion. With inferred start states, its effect shows in the window where it acts.
+The inferred states also give the energy that the data hold beyond the model.
+"""
 
 from __future__ import annotations
 
@@ -24,8 +27,11 @@ _DIFFERENCE = 0.3
 
 @dataclass(frozen=True, eq=False)
 class ModelMotion:
-    """The fitted model at the readings of one run, (R',) each: rows among the residuals, bob (from 0), time [s] in the
-    file, θ [rad], θ̇ over the small-angle frequency [rad], and whether an impact of that bob is near."""
+    """The fitted model at the R' readings of one run; all arrays (R',).
+
+    rows: among the residuals. bob: from 0. time: in the file [s]. theta: θ [rad]. speed: θ̇ over the small-angle
+    frequency [rad]. near_impact: whether the reading is near an impact of its bob.
+    """
 
     rows: np.ndarray
     bob: np.ndarray
@@ -37,9 +43,12 @@ class ModelMotion:
 
 @dataclass(frozen=True, eq=False)
 class Window:
-    """Readings of one run between two times [s] of its file: rows (R',), an orthonormal basis (R', k) of what another
-    start state would change, and the energy [J] that the data hold beyond the model at its start, `energy` @ r for
-    residuals r (R',), with its sd."""
+    """Readings of one run between two times.
+
+    interval: its ends in the file [s]. rows (R',): among the residuals. absorbed (R', k): orthonormal basis of the
+    changes of these residuals by another start state. energy (R',): for residuals r, `energy` @ r is the energy that
+    the data hold beyond the model at the start of the window [J]. sd: its standard deviation [J].
+    """
 
     run: int
     interval: tuple[float, float]
@@ -50,7 +59,7 @@ class Window:
 
 
 def model_motions(fitted: Fitted) -> list[ModelMotion]:
-    """The fitted model at the readings of each run that has any."""
+    """The fitted model at the readings of each run that has readings."""
     return [_motion(fitted, int(k)) for k in np.unique(fitted.readings.run)]
 
 
@@ -73,32 +82,29 @@ def _motion(fitted: Fitted, index: int) -> ModelMotion:
 
 
 def start_state_windows(fitted: Fitted) -> list[Window]:
-    """All windows of all runs."""
-    found = []
-    for index in np.unique(fitted.readings.run):
-        found += _windows_of_run(fitted, int(index))
-    return found
+    """All windows of all runs, except those with too few readings or that cannot be simulated."""
+    return [window for k in np.unique(fitted.readings.run) for window in _windows_of_run(fitted, int(k))]
 
 
 def window_edges(fitted: Fitted, index: int) -> np.ndarray:
-    """Times [s] in the file of a run at which its windows begin, and the end of the last."""
+    """Times in the file [s] at which the windows of a run begin, and the end of the last."""
     time = fitted.readings.time[fitted.readings.run == index]
     return equal_edges(float(time.min()), float(time.max()), _WINDOW_PERIODS * fitted.cradle.period)
 
 
 def equal_edges(begin: float, end: float, width: float) -> np.ndarray:
-    """Ends of equal windows, about so wide, between two times [s]."""
+    """Ends of equal windows of about this width between two times, all in s."""
     return np.linspace(begin, end, max(1, round((end - begin) / width)) + 1)
 
 
 def _windows_of_run(fitted: Fitted, index: int) -> list[Window]:
     likelihood, at, run = fitted.likelihood, fitted.readings, fitted.experiment.runs[index]
     values, cradle = fitted.values, likelihood.cradle(fitted.values, run)
-    ends, found = window_edges(fitted, index), []
+    ends, result = window_edges(fitted, index), []
     noise = likelihood.noise_model.weights[index] / (1.0 if run.quantity == "theta" else cradle.length)
     omega = 2.0 * np.pi / cradle.period
     steps = _DIFFERENCE * noise * np.array([1.0] * cradle.bobs + [omega] * cradle.bobs)
-    # What it takes to turn changes of (θ, θ̇) into energy: that of one bob on a string of the nominal length.
+    # Energy by (θ, θ̇) of a rigid pendulum of the nominal length.
     weight, inertia = cradle.mass * cradle.gravity * cradle.length, cradle.mass * cradle.length**2
     starts = likelihood.motion(values, index, ends[:-1])
     for i, (low, high) in enumerate(itertools.pairwise(ends)):
@@ -110,18 +116,18 @@ def _windows_of_run(fitted: Fitted, index: int) -> list[Window]:
         state = np.concatenate([starts.theta[i], starts.theta_dot[i]])
 
         @raises_impossible
-        def seen(moved, i=i, times=times, low=low, row=row, bob=at.bob[rows]) -> np.ndarray:
+        def readings_from(moved, i=i, times=times, low=low, row=row, bob=at.bob[rows]) -> np.ndarray:
             theta, theta_dot = np.split(moved, 2)
             start = InitialState(theta, theta_dot, starts.r[i], starts.r_dot[i])
             return likelihood.observed(cradle, start, times - low, values, index)[0][row, bob]
 
         try:
-            still = seen(state)
-            S = np.array([seen(state + step) - still for step in np.diag(steps)]).T
+            still = readings_from(state)
+            S = np.array([readings_from(state + step) - still for step in np.diag(steps)]).T
         except ImpossibleModelError:
             continue
         S /= steps * likelihood.noise_model.weights[index]
         slope = np.concatenate([weight * np.sin(starts.theta[i]), inertia * starts.theta_dot[i]])
         energy = -slope @ np.linalg.pinv(S)
-        found.append(Window(index, (float(low), float(high)), rows, span(S), energy, float(np.linalg.norm(energy))))
-    return found
+        result.append(Window(index, (float(low), float(high)), rows, span(S), energy, float(np.linalg.norm(energy))))
+    return result

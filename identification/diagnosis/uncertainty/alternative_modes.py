@@ -1,9 +1,9 @@
-"""Other shapes of an effect that fit as well as the most probable one.
+"""Alternative modes: other values of an effect's shape parameters that fit as well as the best ones.
 
-A frame that yields may be heavy on a soft spring or light on a stiff one: over its frequency the misfit is a long flat
-valley with narrow dips, where the frame rings in time with the blows, and the deepest dip of many owes its place to
-noise. Neither a covariance nor a profile that ends where it first rises leads out of a dip; so a ladder of values is
-climbed, all else refitted on each rung.
+A frame may be heavy on a soft spring or light on a stiff one. Over its frequency, χ² is a long flat valley with narrow
+dips, where the frame resonates with the impacts, and noise decides which of them is deepest. Neither the Laplace
+covariance nor a profile that ends where χ² first rises leads out of a dip. So a ladder of fixed values covers the
+valley, with a refit of all other unknowns at each rung.
 """
 
 from __future__ import annotations
@@ -39,73 +39,77 @@ _IMPOSSIBLE = 1e12
 
 
 def find_alternative_modes(fitted: Fitted, chance: float, cache: PointCache) -> tuple[np.ndarray, np.ndarray]:
-    """Points that fit as well as the mode with other shapes of an effect, and how far about each the truth may lie but
-    by this chance, that shape held; both (K, D), and none where no effect has shapes. keep: of what they are.
+    """Points (K, D) that fit as well as the mode, and half widths (K, D) of the confidence interval about each.
 
-    As well: with no more χ² than the deepest of so many dips as there are rungs has by noise over that of the truth,
-    and than readings jump where the order of impacts may flip.
+    chance: probability that the truth lies outside. cache: of the points and widths, which need many refits.
+
+    A rung fits as well if its χ² is above that of the mode by no more than noise explains: the χ² by which the deepest
+    of K independent dips is below the truth with this probability, and the jumps of the readings with the order of
+    impacts.
     """
-    D, found = len(fitted.point), [np.empty((0, 2 * len(fitted.point)))]
+    D, modes = len(fitted.point), [np.empty((0, 2 * len(fitted.point)))]
     for i in shape_unknowns(fitted):
         key = fit_key("branches", fitted.experiment, fitted.point.tolist(), chance, i)
-        found.append(cache(key, lambda i=i: _modes_along(fitted, i, chance).ravel()).reshape(-1, 2 * D))
-    points, widths = np.split(np.concatenate(found), 2, axis=1)
+        modes.append(cache(key, lambda i=i: _modes_along(fitted, i, chance).ravel()).reshape(-1, 2 * D))
+    points, widths = np.split(np.concatenate(modes), 2, axis=1)
     return points, widths
 
 
 def shape_unknowns(fitted: Fitted) -> list[int]:
-    """Which unknowns are shapes of effects on a scale of ratios; those of learned laws go with their terms."""
+    """Indices of the unknowns that are shape parameters of effects on a logarithmic scale, learned laws excepted."""
     learned = {declared.name for declared in LEARNED}
-    found = []
+    indices = []
     for i, unknown in enumerate(fitted.likelihood.unknowns):
         owner, dot, _ = unknown.name.partition(".")
         if unknown.log and dot and owner not in learned and not parameter_of(unknown.name).is_strength:
-            found.append(i)
-    return found
+            indices.append(i)
+    return indices
 
 
 def _modes_along(fitted: Fitted, i: int, chance: float) -> np.ndarray:
-    """Those of other values of unknown i: points and widths, (K, 2 D)."""
+    """Alternative modes at other values of unknown i: points and widths, (K, 2 D)."""
     rungs = _refit_ladder(fitted, i)
     points, risen = rungs[:, :-1], np.clip((rungs[:, -1] - fitted.chi2) / fitted.coloured[0], 0.0, _IMPOSSIBLE)
     single, enough = (float(chi2_distribution.isf(chance / n, 1)) for n in (1, len(rungs)))
     if fitted.cradle.bobs >= SEVERAL:
         jumps = size(fitted.likelihood, fitted.point, fitted.jacobian, fitted.coloured[0] * fitted.smooth)
         enough += jumps / fitted.coloured[0] if math.isfinite(jumps) else 0.0
-    as_well = [(point, enough - rise) for point, rise in zip(points, risen, strict=True) if rise < enough]
-    for k in np.flatnonzero(np.diff(risen < enough)):  # as far as the way to the next would go by a straight line
+    modes = [(point, enough - rise) for point, rise in zip(points, risen, strict=True) if rise < enough]
+    for k in np.flatnonzero(np.diff(risen < enough)):  # interpolated to the χ² that is allowed
         share = (math.sqrt(enough) - math.sqrt(risen[k])) / (math.sqrt(risen[k + 1]) - math.sqrt(risen[k]))
-        as_well.append((points[k] + share * (points[k + 1] - points[k]), 0.0))
+        modes.append((points[k] + share * (points[k + 1] - points[k]), 0.0))
 
-    def with_widths(branch: tuple[np.ndarray, float]) -> np.ndarray:
-        point, room = branch
+    def with_widths(mode: tuple[np.ndarray, float]) -> np.ndarray:
+        point, room = mode
         there, others = ConditionalLikelihood(fitted.likelihood, i, point[i]), np.delete(point, i)
         derivatives = broad_jacobian if fitted.cradle.bobs >= SEVERAL else jacobian
         covariance = mode_at(there, others, derivatives(there, others, there.residuals(others))).covariance
         widths = np.sqrt(min(room, single) * fitted.coloured[0] * np.diag(covariance))
         return np.concatenate([point, np.insert(widths, i, 0.0)])
 
-    return np.array(in_threads(with_widths, as_well, fitted.likelihood.workers))
+    return np.array(in_threads(with_widths, modes, fitted.likelihood.workers))
 
 
 def _refit_ladder(fitted: Fitted, i: int) -> np.ndarray:
-    """Refits with unknown i held at one rung after the other, both ways from the mode until a valley ends; the points
-    and their χ², in the order of the unknown, (K, D + 1)."""
+    """Refits with unknown i fixed at one rung after the other, both ways from the mode until χ² has risen to the wall.
+
+    Returns the points and their χ², in the order of the unknown, (K, D + 1).
+    """
     low, high = (float(bound[i]) for bound in bounds(fitted.likelihood))
     wall = fitted.chi2 + _WALL * fitted.coloured[0]
 
     def climb(side: float) -> list[np.ndarray]:
-        at, last, ahead, rungs = fitted.point, fitted.chi2, np.zeros(len(fitted.point)), []
+        at, last, slope, rungs = fitted.point, fitted.chi2, np.zeros(len(fitted.point)), []
         stride, limit = math.log(_RATIO), low if side < 0.0 else high
         while last < wall and at[i] != limit:
             there = min(max(float(at[i]) + side * stride, low), high)
-            # From where the last two point to; before a wall ends the ladder, from the last, too.
-            begin = at + abs(there - at[i]) * ahead
-            further, chi2 = refit_others(fitted.likelihood, i, there, begin, _EVALUATIONS)
+            # It starts where the last two rungs extrapolate to, and before the ladder ends, at the last rung, too.
+            begin = at + abs(there - at[i]) * slope
+            refitted, chi2 = refit_others(fitted.likelihood, i, there, begin, _EVALUATIONS)
             if chi2 > wall:
                 again = refit_others(fitted.likelihood, i, there, at, _WALL_EVALUATIONS)
-                further, chi2 = min((further, chi2), again, key=lambda pair: pair[1])
-            ahead, at, last = (further - at) / abs(there - at[i]), further, chi2
+                refitted, chi2 = min((refitted, chi2), again, key=lambda pair: pair[1])
+            slope, at, last = (refitted - at) / abs(there - at[i]), refitted, chi2
             rungs.append(np.append(at, last))
             stride *= _GROWTH
         return rungs

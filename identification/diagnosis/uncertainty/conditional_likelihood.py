@@ -1,4 +1,4 @@
-"""A likelihood with one unknown held at a value, for refits of all others."""
+"""Conditional likelihood: one unknown is fixed, and all others are refitted."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from identification.inference.noise_model import NoiseModel
 
 
 class ConditionalLikelihood:
-    """A likelihood with unknown i held at a coordinate, for least squares over the others."""
+    """The likelihood of the other unknowns with unknown i fixed at a coordinate."""
 
     def __init__(self, of: Likelihood, i: int, coordinate: float):
         self.experiment = of.experiment
-        #: Refits run side by side, one on each core.
+        #: One thread: refits run in parallel.
         self.workers: int | None = 1
         self.unknowns = (*of.unknowns[:i], *of.unknowns[i + 1 :])
         self._of, self._place, self._coordinate = of, i, coordinate
@@ -30,7 +30,7 @@ class ConditionalLikelihood:
         return [u.name for u in self.unknowns]
 
     def parts(self) -> list[slice]:
-        """Where the residuals of each run lie."""
+        """The residuals of each run."""
         return self._of.parts()
 
     def residuals(self, point: np.ndarray) -> np.ndarray:
@@ -41,7 +41,7 @@ class ConditionalLikelihood:
 def refit_others(
     likelihood: Likelihood, i: int, coordinate: float, start: np.ndarray, evaluations: int
 ) -> tuple[np.ndarray, float]:  # fmt: skip
-    """(point (D,), χ²) near `start` (D,), with unknown i held at a coordinate."""
+    """(point (D,), χ²) of a refit from `start` (D,) with unknown i fixed at a coordinate."""
     inside = np.delete(np.clip(start, *bounds(likelihood)), i)
     others, chi2 = refine(ConditionalLikelihood(likelihood, i, coordinate), inside, evaluations)
     return np.insert(others, i, coordinate), chi2

@@ -1,4 +1,4 @@
-"""How well the unknowns of a fitted model are known."""
+"""Confidence intervals of the unknowns of a fitted model."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _END_SD = float(norm.ppf(_QUANTILES[2]))
 
 @dataclass(frozen=True, eq=False)
 class Interval:
-    """An unknown's median and central 95 %."""
+    """Median and central 95 % interval of an unknown."""
 
     unit: str
     median: float
@@ -34,10 +34,15 @@ class Interval:
 
 @on_one_thread
 def compute_intervals(fitted: Fitted, cache: PointCache = compute_uncached) -> dict[str, Interval]:
-    """Medians and 95 % intervals by Laplace, inflated for residuals that are not white and cut at the bounds; of
-    fewer than three bobs, over which the misfit is smooth, the intervals of what is of the model by profile: of
-    unknowns that make up for each other the most probable values may lie on a bent ridge. Where an effect may have
-    other shapes, they hold what is as probable by each of these, too. keep: of ends of profiles, and of such shapes."""
+    """Median and 95 % interval of each unknown, by name.
+
+    1. The Laplace approximation, inflated for correlated residuals and truncated at the bounds.
+    2. With fewer than three bobs χ² is smooth. There the profile likelihood replaces the intervals of the model's own
+       unknowns: two that compensate each other lie on a curved ridge of χ².
+    3. Where an effect has alternative modes, the intervals cover these, too.
+
+    cache: of the ends of profiles and of the alternative modes.
+    """
     deviations = np.sqrt(np.maximum(np.diag(fitted.covariance), 1e-300))
     others, widths = find_alternative_modes(fitted, 2.0 * _QUANTILES[1], cache)
     smooth, shapes = fitted.cradle.bobs < SEVERAL and not fitted.learned, shape_unknowns(fitted)
@@ -50,7 +55,7 @@ def compute_intervals(fitted: Fitted, cache: PointCache = compute_uncached) -> d
 
     reached = in_threads(end, steps, fitted.likelihood.workers)
     by_profile = dict(zip(followed, zip(reached[::2], reached[1::2], strict=True), strict=True))
-    found, (least, most) = {}, bounds(fitted.likelihood)
+    result, (least, most) = {}, bounds(fitted.likelihood)
     for i, (u, z, sd) in enumerate(zip(fitted.likelihood.unknowns, fitted.point, deviations, strict=True)):
         lowest, highest = (math.log(u.low), math.log(u.high)) if u.log else (u.low, u.high)
         low, high = ((bound - z) / sd if math.isfinite(bound) else bound for bound in (lowest, highest))
@@ -60,29 +65,32 @@ def compute_intervals(fitted: Fitted, cache: PointCache = compute_uncached) -> d
             median = min(max(median, ends[0]), ends[1])
         first = min([ends[0], *(others[:, i] - widths[:, i])])
         last = max([ends[1], *(others[:, i] + widths[:, i])])
-        ci95 = (  # at a bound the bound: a search stays a little within
+        ci95 = (  # a search stays a little within the bounds
             u.low if first <= least[i] else float(u.value(first)),
             u.high if last >= most[i] else float(u.value(last)),
         )
-        found[u.name] = Interval(u.unit, float(u.value(median)), ci95)
-    return found
+        result[u.name] = Interval(u.unit, float(u.value(median)), ci95)
+    return result
 
 
 def _interval_end(fitted: Fitted, i: int, step: float) -> float:
-    """The coordinate of unknown i, on the side to which `step` leads [its standard deviation], where χ² over the
-    inflation, refitted in all others, has risen by that of the interval's end; its bound where it rises by less."""
+    """The coordinate of unknown i where its profile of χ² over the inflation has risen to the end of the interval.
+
+    step: one standard deviation of the coordinate, towards the side that is searched. Returns the bound of the unknown
+    if the profile does not rise so far.
+    """
     likelihood, least, inflation = fitted.likelihood, fitted.chi2, fitted.coloured[0]
     within = bounds(likelihood)
     limit = float(within[0 if step < 0.0 else 1][i])
 
     def refit(u: float, start: np.ndarray) -> tuple[np.ndarray, float]:
-        held = float(np.clip(fitted.point[i] + u * step, within[0][i], within[1][i]))
-        found, chi2 = refit_others(likelihood, i, held, start, REFIT_EVALUATIONS)
-        return found, math.sqrt(max(chi2 - least, 0.0) / inflation)
+        fixed = float(np.clip(fitted.point[i] + u * step, within[0][i], within[1][i]))
+        refitted, chi2 = refit_others(likelihood, i, fixed, start, REFIT_EVALUATIONS)
+        return refitted, math.sqrt(max(chi2 - least, 0.0) / inflation)
 
     ahead = fitted.covariance[i] / fitted.covariance[i, i] * step
     furthest = (limit - fitted.point[i]) / step
     u, _ = find_profile_end(refit, fitted.point, ahead, furthest, _END_SD)
-    if u > (1.0 - 1e-9) * furthest:  # but for rounding
+    if u > (1.0 - 1e-9) * furthest:  # within rounding
         return limit
     return float(np.clip(fitted.point[i] + u * step, within[0][i], within[1][i]))

@@ -1,4 +1,7 @@
-"""How far one quantity may be from its most probable value, all others refitted on the way."""
+"""Profile likelihood: how far one quantity can be from its best value, with all others refitted.
+
+Source: Venzon and Moolgavkar (1988), Applied Statistics 37, 87.
+"""
 
 from __future__ import annotations
 
@@ -23,30 +26,30 @@ def find_profile_end(
     furthest: float,
     end: float,
 ) -> tuple[float, np.ndarray]:
-    """How far a quantity can go, in units in which the misfit, were all normal, would rise to u² at u, until it has
-    risen to end², at most `furthest`; and the refitted point there, (D,).
+    """The distance u at which the profile of χ² has risen by end², and the refitted point (D,) there.
 
-    refit: of u and of where to start, (the point, the root of the rise of the misfit). point, ahead (D,): at u = 0, and
-    its slope. Refits march along the ridge on which the point follows, in longer and longer strides, each from where
-    the last two point to.
+    u is measured in standard deviations of a normal distribution, where the profile would rise by u². furthest: largest
+    u. refit(u, start): (refitted point (D,), root of the rise in χ²) with the quantity fixed at u. point, ahead (D,):
+    the point at u = 0 and its slope. The search takes longer and longer strides along the ridge of χ², each from where
+    the last two points extrapolate to.
     """
-    at, risen, stride, growth = 0.0, 0.0, end, 2.0
+    at, last_rise, stride, growth = 0.0, 0.0, end, 2.0
     for _ in range(_MAX_REFITS):
         last = stride >= furthest - at
         there = furthest if last else at + stride
         stride = there - at
-        found, reached = refit(there, point + stride * ahead)
-        near = abs(reached - end) < _TOLERANCE * end or (reached > end and stride < _TOLERANCE * there)
-        if near and reached > risen:
-            share = (end - risen) / (reached - risen)
+        refitted, rise = refit(there, point + stride * ahead)
+        near = abs(rise - end) < _TOLERANCE * end or (rise > end and stride < _TOLERANCE * there)
+        if near and rise > last_rise:
+            share = (end - last_rise) / (rise - last_rise)
             share = min(share, (furthest - at) / stride)
-            return at + share * stride, point + share * (found - point)
-        if reached > end:  # too far
-            stride *= float(np.clip((end - risen) / (reached - risen), *_SHORTEN))
+            return at + share * stride, point + share * (refitted - point)
+        if rise > end:  # too far
+            stride *= float(np.clip((end - last_rise) / (rise - last_rise), *_SHORTEN))
             growth = 1.0
         elif last:
-            return furthest, found
+            return furthest, refitted
         else:
-            ahead = (found - point) / stride
-            at, point, risen, stride = there, found, reached, growth * stride
+            ahead = (refitted - point) / stride
+            at, point, last_rise, stride = there, refitted, rise, growth * stride
     return at, point

@@ -79,7 +79,7 @@ def test_a_wrong_damping_is_located_by_its_energy(damped):
     assert {phase for phase, words in told.items() if words == f"a {phase}"} == {
         phase for phase in told if phase.startswith("line at ")
     }  # all else has words of its own
-    assert told["unknowns"] == "unknowns other than those of the whole" and told["0–45°"] == "0–45° of the swing"
+    assert told["unknowns"] == "other best-fit values than in the whole run" and told["0–45°"] == "0–45° of the swing"
 
 
 def test_a_room_that_shakes_is_located_by_its_frequency(tmp_path):
