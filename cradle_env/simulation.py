@@ -65,7 +65,7 @@ def simulate(
     ledger : bool
         Whether to keep the energy ledger, which `Trajectory.energy` reads.
     step_factor : float
-        Multiplies all integration steps, 0.001 to 4. Flights are of order 8: their errors grow as its 8th power.
+        Multiplies all integration steps, 0.001 to 4. Errors of flights grow as its 8th power.
         Contacts that are followed in time keep errors of 1e-6 to 1e-5 rad at any step.
     progress : callable, optional
         Called about twice a second with the fraction of the run that is done.

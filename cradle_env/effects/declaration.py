@@ -203,6 +203,11 @@ class Effect:
         """The parameters at some value of which the effect is absent; none of an effect that is a switch."""
         return tuple(p for p in self.parameters if p.is_strength)
 
+    def is_absent(self, values: Values) -> bool:
+        """Whether all strengths are where the effect is absent; never so for a switch."""
+        strengths = self.strengths
+        return bool(strengths) and all(np.all(np.equal(values[p.key], p.absent)) for p in strengths)
+
     def element_names(self, bobs: int) -> list[str]:
         """Names of all free values for a cradle of N bobs: "effect.key", "effect.key[i]"."""
         return [f"{self.name}.{key}" for p in self.parameters for key in p.element_keys(bobs)]

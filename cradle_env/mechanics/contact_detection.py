@@ -4,8 +4,30 @@ import math
 
 from cradle_env.mechanics.contact import CONTACT, TOUCHING, pair, pair_at
 from cradle_env.mechanics.integrator import between, derivative, step
-from cradle_env.mechanics.jit import jit, part
-from cradle_env.mechanics.layout import DIM, FIRST, LAST, LINK, MEETING, OPEN, OUT, STAGES, T0, T1
+from cradle_env.mechanics.jit import jit, leaf, part
+from cradle_env.mechanics.layout import (
+    BROUGHT,
+    CONTACT_LOSS,
+    DIM,
+    DRAG,
+    FIRST,
+    LAST,
+    LATER,
+    LINK,
+    MEETING,
+    ON_SERIES,
+    OPEN,
+    OUT,
+    SEEN,
+    SEEN_GAP,
+    SEEN_OPENING,
+    SEEN_SQUARE,
+    STAGES,
+    START,
+    T0,
+    T1,
+)
+from cradle_env.mechanics.series_flight import brought_on, drag_on, place_on
 
 # Two bobs in touch approach from this speed on [m/s]: rounding of the speeds after an impact.
 _LEAST_APPROACH = 1e-12
@@ -16,58 +38,95 @@ _LEAST_LOCATED = 1e-6
 _LATEST = 1e-6
 # How well an instant is located [s], and in parts of it: after an hour or two, neighbouring numbers are further apart.
 _LOCATED, _NEIGHBOURS = 1e-12, 5e-16
+# Newton's method that moves by less than this [s] is as good as it gets: the next step would be some square of it.
+_CLOSE = 1e-9
+# What a cubic may miss of a gap, as a part of h^2 times its second derivative: 2^2 / 384, twice.
+_UNSEEN = 0.02
 
 
 @jit
 def gap_between(cradle, bobs, S, p, t):
     """(gap beyond CONTACT, opening speed) of pair p at time t [s], interpolated."""
-    x0, z0, vx0, vz0 = between(S, p, t)
-    x1, z1, vx1, vz1 = between(S, p + 1, t)
-    gap, _, _, v_n, _ = pair_at(cradle, bobs, p, t, x0, z0, vx0, vz0, x1, z1, vx1, vz1)
-    return gap + CONTACT, v_n
+    gap, opening, _ = encounter(cradle, bobs, S, p, t)
+    return gap, opening
 
 
-@jit
-def speed_between(cradle, bobs, S, p, t):
-    """Speed [m/s] of one bob of pair p relative to the other at time t [s], interpolated."""
+@leaf
+def encounter(cradle, bobs, S, p, t):
+    """`gap_between`, and the square of the speed [m/s] of one bob relative to the other."""
     x0, z0, vx0, vz0 = between(S, p, t)
     x1, z1, vx1, vz1 = between(S, p + 1, t)
     gap, _, _, v_n, spread = pair_at(cradle, bobs, p, t, x0, z0, vx0, vz0, x1, z1, vx1, vz1)
-    return math.sqrt(v_n * v_n + spread * (gap + 2.0 * cradle.radius))
+    return gap + CONTACT, v_n, v_n * v_n + spread * (gap + 2.0 * cradle.radius)
 
 
-@jit
+@leaf
 def predict(cradle, bobs, S, p):
     """The first instant [s] at which an open pair touches while both its segments last; inf if it does not.
 
     A gap is a distance, which grows again once the bobs have passed through each other. A segment in which they could
-    do so is therefore searched in strides that are too short for it.
+    do so is therefore searched in strides that are too short for it; and one in which the gap may dip unseen in strides
+    that are short against the radial motion.
     """
     if S[p, LINK] != OPEN:
         return math.inf
     low, high = max(S[p, T0], S[p + 1, T0]), min(S[p, T1], S[p + 1, T1])
     if high <= low:
         return math.inf
-    across = 4.0 * cradle.radius
-    fastest = speed_between(cradle, bobs, S, p, low) + speed_between(cradle, bobs, S, p, high)
-    while fastest * (high - low) > across:
-        gap, _ = gap_between(cradle, bobs, S, p, low)
-        end = low + max(gap, across) / fastest
-        if not low < end < high:
-            break
-        found = first_touch(cradle, bobs, S, p, low, end)
+    across, h = 4.0 * cradle.radius, high - low
+    on_series = S[p, ON_SERIES] * S[p + 1, ON_SERIES] != 0.0
+    if on_series and S[p, SEEN] == low:
+        g0, v0, square0 = S[p, SEEN_GAP], S[p, SEEN_OPENING], S[p, SEEN_SQUARE]
+    else:
+        g0, v0, square0 = encounter(cradle, bobs, S, p, low)
+    g1, v1, square1 = encounter(cradle, bobs, S, p, high)
+    S[p, SEEN] = high if on_series else -1.0
+    S[p, SEEN_GAP], S[p, SEEN_OPENING], S[p, SEEN_SQUARE] = g1, v1, square1
+    if 2.0 * (square0 + square1) * h * h < across * across and stays_open(g0, v0, g1, v1, h):
+        return math.inf
+    fastest = math.sqrt(square0) + math.sqrt(square1)
+    while low < high:
+        end, gap, opening = high, g1, v1
+        if fastest * (end - low) > across:
+            end = low + max(g0, across) / fastest
+        if on_series and end - low > 1.5 * cradle.step and not stays_open(g0, v0, g1, v1, high - low):
+            end = low + cradle.step
+        if low < end < high:
+            gap, opening = gap_between(cradle, bobs, S, p, end)
+        else:
+            end = high
+        found = first_touch(cradle, bobs, S, p, low, g0, v0, end, gap, opening)
         if found < math.inf:
             return found
-        low = end
-    return first_touch(cradle, bobs, S, p, low, high)
+        low, g0, v0 = end, gap, opening
+    return math.inf
+
+
+@leaf
+def stays_open(g0, v0, g1, v1, h):
+    """Whether a gap with these values [m] and slopes [m/s] at the ends of h [s] has no dip to zero between: if the
+    cubic with these has none, by a margin. The margin is what a cubic misses, h^4 / 384 times the fourth derivative, of
+    a motion of up to 2 rad on a segment, twice over."""
+    if g1 <= 0.0:
+        return False
+    c1, c2, c3 = h * v0, 3.0 * (g1 - g0) - h * (2.0 * v0 + v1), h * (v0 + v1) - 2.0 * (g1 - g0)
+    inside = c2 * c2 - 3.0 * c1 * c3
+    if inside <= 0.0:
+        return True
+    slope = c2 + math.sqrt(inside)
+    if slope == 0.0:
+        return True
+    u = -c1 / slope
+    if not 0.0 < u < 1.0:
+        return True
+    return g0 + u * (c1 + u * (c2 + u * c3)) > _UNSEEN * max(abs(2.0 * c2), abs(2.0 * c2 + 6.0 * c3))
 
 
 @jit
-def first_touch(cradle, bobs, S, p, low, high):
-    """The first instant [s] from low to high at which an open pair touches; inf if it does not. Between them the bobs
-    must not be able to pass through each other."""
-    g0, v0 = gap_between(cradle, bobs, S, p, low)
-    g1, v1 = gap_between(cradle, bobs, S, p, high)
+def first_touch(cradle, bobs, S, p, low, g0, v0, high, g1, v1):
+    """The first instant [s] from low to high at which an open pair touches; inf if it does not. Its gap, beyond
+    CONTACT, is g0 and g1 [m] there, and opens at v0 and v1 [m/s]; between, the bobs must not be able to pass through
+    each other."""
     if g0 <= 0.0 and v0 < -_LEAST_APPROACH:
         return low
     if g1 >= 0.0:
@@ -114,15 +173,28 @@ def closing(cradle, bobs, S, p, low, high, depth):
             low = t
         else:
             high = t
-        if abs(g) < 1e-14 or high - low < least:
-            return high if g > 0.0 and high - low < least else t
+        if high - low < least:
+            return high if g > 0.0 else t
         newton = t - g / v if v < 0.0 else low
-        t = newton if low < newton < high and high - low < width else 0.5 * (low + high)
+        if not low < newton < high or high - low >= width:
+            newton = 0.5 * (low + high)
+        elif abs(newton - t) < _CLOSE:
+            return newton
+        t = newton
 
 
 @part
 def step_to(cradle, bobs, S, W, i, t):
     """Steps bob i's group exactly to time t [s] of its segment, into W[:, OUT]."""
+    # The present segment is left: nothing that was laid or seen beyond it holds.
+    S[i, LATER], S[i, SEEN] = 0.0, -1.0
+    if i > 0:
+        S[i - 1, SEEN] = -1.0
+    if S[i, ON_SERIES] != 0.0:
+        W[i, OUT], W[i, OUT + 1], W[i, OUT + 2], W[i, OUT + 3] = place_on(S, i, t)
+        W[i, OUT + DRAG], W[i, OUT + CONTACT_LOSS] = drag_on(S, i, t), S[i, START + CONTACT_LOSS]
+        W[i, OUT + BROUGHT] = brought_on(bobs[i], S, i, START, W[i, OUT], W[i, OUT + 2])
+        return
     step(cradle, bobs, S, W, int(S[i, FIRST]), int(S[i, LAST]), t - S[i, T0])
 
 

@@ -11,11 +11,11 @@ import numpy as np
 from cradle_env.mechanics.contact import pair
 from cradle_env.mechanics.contact_detection import last_moment, linger, predict, step_to, touching
 from cradle_env.mechanics.energy_ledger import book, string_work
-from cradle_env.mechanics.flight import plan
+from cradle_env.mechanics.flight import lay
 from cradle_env.mechanics.forces import radius_and_speed
 from cradle_env.mechanics.impact import chain, follow, settle, settle_resolved, two_body
 from cradle_env.mechanics.integrator import between, derivative, free_derivative, pivot_between
-from cradle_env.mechanics.jit import entry, jit, part
+from cradle_env.mechanics.jit import entry, jit, leaf, part
 from cradle_env.mechanics.layout import (
     BRANCH,
     DIM,
@@ -33,6 +33,7 @@ from cradle_env.mechanics.layout import (
     LOST,
     MEETING,
     MULTI_BODY,
+    ON_SERIES,
     OPEN,
     OUT,
     PART,
@@ -42,19 +43,22 @@ from cradle_env.mechanics.layout import (
     RELEASE,
     RESOLVED,
     SAMPLED,
+    SEEN,
     SETTLED,
     SLACK,
     START,
     T0,
     T1,
     TAUT,
+    TENSION,
     TURN,
     TURNS,
-    UNLOADING,
     WHOSE,
     WORK,
+    WORKED,
 )
-from cradle_env.mechanics.strings import stretch, turn, unstretched
+from cradle_env.mechanics.string_events import direction_after, turned
+from cradle_env.mechanics.strings import unstretched
 
 # What a run can end with.
 DONE, FULL, STALLED, NOT_FINITE, NO_REST, PAUSED = 0, 1, 2, 3, 4, 5
@@ -115,7 +119,7 @@ def begin(cradle, bobs, S, W):
     n = len(bobs)
     first = _FIRST
     for i in range(n):
-        S[i, DISSIPATION] = cradle.contact_k_f
+        S[i, DISSIPATION], S[i, SEEN] = cradle.contact_k_f, -1.0
     free_derivative(cradle, bobs, S, W, first, n, S[0, T0], S, START, S, RATE0)
     settle(cradle, bobs, S, W, first, n)
     regroup(cradle, bobs, S, W, first, n)
@@ -137,11 +141,8 @@ def next_event(S):
 @jit
 def fly_on(cradle, bobs, S, W, lo, hi):
     """Lays the next segment of every group among the bobs lo..hi-1 and looks for meetings with neighbours."""
-    i = lo
-    while i < hi:
-        if not plan(cradle, bobs, S, W, int(S[i, FIRST]), int(S[i, LAST])):
-            return False
-        i = int(S[i, LAST])
+    if not lay(cradle, bobs, S, W, lo, hi):
+        return False
     for p in range(max(lo - 1, 0), min(hi, len(bobs) - 1)):
         S[p, MEETING] = predict(cradle, bobs, S, p)
     return True
@@ -154,12 +155,11 @@ def finish(cradle, bobs, S, W, bob, times, motion, energy):
     cause, whose = S[lo, DUE], int(S[lo, WHOSE])
     for i in range(hi - 1, lo - 1, -1):  # row 0 last: the others look up the frame there
         arrive(cradle, bobs, S, i, S[i, T1], S, END, times, motion, energy)
-        for c in range(DIM):
-            S[i, RATE0 + c] = S[i, RATE1 + c]
-    if cause == TURN:
-        turn_string(cradle, bobs[whose], S, whose, 1.0 if S[whose, BRANCH] == UNLOADING else -1.0)
-    elif cause == TAUT:
-        turn_string(cradle, bobs[whose], S, whose, 1.0 if S[whose, BRANCH] == SLACK else -1.0)
+        if S[i, ON_SERIES] == 0.0:
+            for c in range(DIM):
+                S[i, RATE0 + c] = S[i, RATE1 + c]
+    if cause == TURN or cause == TAUT:
+        turn_string(cradle, bobs[whose], S, whose, direction_after(S[whose, BRANCH], cause))
     elif cause == RELEASE or cause == PART:
         S[whose, LINK] = OPEN
         regroup(cradle, bobs, S, W, lo, hi)
@@ -168,11 +168,11 @@ def finish(cradle, bobs, S, W, bob, times, motion, energy):
     return lo, hi
 
 
-@jit
+@leaf
 def arrive(cradle, bobs, S, i, t, A, c, times, motion, energy):
     """Makes the motion in A, from column c on, bob i's new start at time t [s]; takes the samples due before."""
     sample(cradle, bobs, S, i, t, np.False_, times, motion, energy)
-    if cradle.elastic:
+    if cradle.elastic and bobs[i].creep != 0.0:
         r, v = radius_and_speed(cradle, bobs[i], t, A, i, c)
         S[i, WORK] += string_work(cradle, bobs[i], S, i, t, r, v)
     for k in range(DIM):
@@ -183,10 +183,15 @@ def arrive(cradle, bobs, S, i, t, A, c, times, motion, energy):
 @jit
 def turn_string(cradle, bob, S, i, direction):
     """Switches the branch of bob i's strings for a stretch that goes in `direction`; books what they lost."""
-    s = stretch(bob, S[i, T0], radius_and_speed(cradle, bob, S[i, T0], S, i, START)[0] ** 2)
-    if S[i, BRANCH] == SLACK or cradle.hysteretic == 0 or (S[i, BRANCH] == UNLOADING and s < 1e-9):
-        s = 0.0  # at the event of zero stretch, located to rounding
-    if turn(cradle, bob, S, i, s, direction):
+    before = S[i, BRANCH]
+    if bob.creep == 0.0:
+        r, v = radius_and_speed(cradle, bob, S[i, T0], S, i, START)
+        S[i, WORK] += string_work(cradle, bob, S, i, S[i, T0], r, v)
+        S[i, WORKED] = r
+    S[i, BRANCH], S[i, TENSION], S[i, TENSION + 1], S[i, TENSION + 2] = turned(
+        cradle, bob, before, S[i, TENSION], S[i, TENSION + 1], S[i, TENSION + 2], S[i, T0], S, i, START, direction
+    )
+    if S[i, BRANCH] != before:
         S[i, TURNS] += 1.0
         if S[i, BRANCH] == SLACK:
             S[i, LOST] = S[i, WORK]
@@ -204,7 +209,7 @@ def turn_after_impact(cradle, bobs, S, lo, hi):
                 turn_string(cradle, bobs[i], S, i, direction)
 
 
-@jit
+@leaf
 def sample(cradle, bobs, S, i, until, inclusive, times, motion, energy):
     """Takes the samples of bob i due before `until` [s] from its current segment."""
     k = int(S[i, SAMPLED])

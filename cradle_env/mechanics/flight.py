@@ -3,9 +3,9 @@
 import math
 
 from cradle_env.mechanics.contact import blow_speed, close_gaps, opening, pair
-from cradle_env.mechanics.forces import pivot_at
 from cradle_env.mechanics.integrator import derivative, step
 from cradle_env.mechanics.jit import jit, leaf, part
+from cradle_env.mechanics.lanes import WIDTH
 from cradle_env.mechanics.layout import (
     BRANCH,
     DIM,
@@ -13,10 +13,11 @@ from cradle_env.mechanics.layout import (
     END,
     FLOWN,
     FORCE,
-    FRAME,
     GRID,
+    LAST,
+    LATER,
     LINK,
-    LOADING,
+    ON_SERIES,
     OPEN,
     OUT,
     PART,
@@ -25,26 +26,42 @@ from cradle_env.mechanics.layout import (
     RATE1,
     RELEASE,
     RESOLVED,
-    SLACK,
     STAGES,
     START,
     STEPS,
     T0,
     T1,
-    TAUT,
-    TURN,
     WHOSE,
 )
-from cradle_env.mechanics.strings import unstretched
+from cradle_env.mechanics.series_flight import flies_on_series, fly_lanes, lay_ahead, load, take_later
+from cradle_env.mechanics.string_events import half_square, string_event
 
-# A string is not asked to turn for less than this radial speed [m/s]: rounding at rest.
-_LEAST_SPEED = 1e-10
-# The last correction of a quintic's zero, as a part of the segment; Newton's method leaves some square of it.
-_CROSSING = 1e-6
 # How well the end of a contact is located [s].
 _PART_TOLERANCE = 1e-10
 # After an event, the next point of the grid is passed over if it is nearer than this part of a step.
 _SHORTEST = 0.25
+
+
+@leaf
+def lay(cradle, bobs, S, W, lo, hi):
+    """Lays the next segment of every group among the bobs lo..hi-1. Returns whether all are finite."""
+    i, lanes, finite = lo, 0, True
+    while i < hi:
+        last = int(S[i, LAST])
+        if not flies_on_series(cradle, S, i):
+            finite = plan(cradle, bobs, S, W, i, last) and finite
+        elif S[i, LATER] != 0.0:
+            take_later(S, i)
+        else:
+            if lanes == WIDTH:
+                finite = fly_lanes(cradle, bobs, S, W, lanes) and finite
+                lanes = 0
+            load(cradle, bobs[i], S, W, lanes, i, 0)
+            lanes += 1
+        i = last
+    if lanes > 0:
+        finite = fly_lanes(cradle, bobs, S, W, lay_ahead(cradle, bobs, S, W, lanes)) and finite
+    return finite
 
 
 @part
@@ -59,7 +76,9 @@ def plan(cradle, bobs, S, W, lo, hi):
 
     if cradle.elastic:
         for i in range(lo, hi):
-            when, kind = string_event(cradle, bobs[i], S, i, full)
+            q0, p0, a0 = half_square(bobs[i], t, S, i, START, RATE0)
+            q1, p1, a1 = half_square(bobs[i], t + full, S, i, END, RATE1)
+            when, kind = string_event(cradle, bobs[i], S[i, BRANCH], full, q0, p0, a0, q1, p1, a1)
             if when < h:
                 h, cause, whose = when, kind, i
         if cause != GRID:
@@ -75,7 +94,7 @@ def plan(cradle, bobs, S, W, lo, hi):
     finite = True
     for i in range(lo, hi):
         S[i, T1] = grid if h == grid - t else t + h
-        S[i, DUE], S[i, WHOSE] = cause, whose
+        S[i, DUE], S[i, WHOSE], S[i, ON_SERIES] = cause, whose, 0.0
         finite = finite and math.isfinite(S[i, END] + S[i, END + 2])
     return finite
 
@@ -111,88 +130,6 @@ def contact_step(cradle, bobs, S, lo, hi, h):
                 # Exponentials of the gap: over half the gap, or one of their ranges, the step resolves them.
                 h = min(h, (cradle.reach + 0.5 * max(gap, 0.0)) / abs(v_n))
     return h
-
-
-@part
-def string_event(cradle, bob, S, i, h):
-    """(instant, kind) of the first string event of bob i on a segment of h [s]; (h, GRID) where there is none.
-
-    Half of r^2 - r0^2, r0 where the strings are just straight, is the quintic with the values and two derivatives of
-    both ends: TAUT at its zero, TURN at its slope's. Its error sets a string's branch late by dt, which misses a blow
-    of the order dt^2 only.
-    """
-    q0, p0, a0 = half_square(bob, S[i, T0], S, i, START, RATE0)
-    q1, p1, a1 = half_square(bob, S[i, T0] + h, S, i, END, RATE1)
-    sign = -1.0 if S[i, BRANCH] == SLACK else 1.0  # what turns negative: the stretch, or less of it
-    at_zero = may_cross(sign * q0, sign * p0, sign * q1, sign * p1, h)
-    turns = False
-    if cradle.hysteretic and S[i, BRANCH] != SLACK:
-        way, least = (1.0 if S[i, BRANCH] == LOADING else -1.0), _LEAST_SPEED * bob.length
-        turns = at_zero or may_cross(way * p0 + least, way * a0, way * p1 + least, way * a1, h)
-    if not (at_zero or turns):
-        return h, GRID
-    c1, c2 = h * p0, 0.5 * h * h * a0
-    value, slope, bend = q1 - q0 - c1 - c2, h * p1 - c1 - 2.0 * c2, h * h * a1 - 2.0 * c2
-    c3 = 10.0 * value - 4.0 * slope + 0.5 * bend
-    c4 = -15.0 * value + 7.0 * slope - bend
-    c5 = 6.0 * value - 3.0 * slope + 0.5 * bend
-    u, kind = 1.0, GRID
-    if at_zero:
-        u, kind = first_crossing(sign, q0, c1, c2, c3, c4, c5), TAUT
-    if turns:
-        at = first_crossing(way, c1, 2.0 * c2, 3.0 * c3, 4.0 * c4, 5.0 * c5, 0.0)
-        if at < u:
-            u, kind = at, TURN
-    return u * h, kind
-
-
-@leaf
-def half_square(bob, t, S, i, c, rate):
-    """(r^2 - r0^2) / 2, r0 where the strings are just straight, of bob i at time t [s] and its two derivatives by
-    time."""
-    x, z = S[i, c] - pivot_at(bob, t) - S[0, c + FRAME], S[i, c + 1]
-    vx, vz = S[i, c + 2] - bob.drive - S[0, c + FRAME + 1], S[i, c + 3]
-    bend = vx * vx + vz * vz + x * (S[i, rate + 2] - S[0, rate + FRAME + 1]) + z * S[i, rate + 3]
-    string, growth = unstretched(bob, t)
-    value = 0.5 * (x * x + z * z + bob.half_spacing * bob.half_spacing - string * string)
-    return value, x * vx + z * vz - string * growth, bend - growth * growth + string * growth / (1.0 + t)
-
-
-@leaf
-def may_cross(f0, d0, f1, d1, h):
-    """Whether a function with values f0, f1 and slopes d0, d1 at the ends of h is negative at the end or may dip
-    below zero between: where it falls at first and rises at last, and both tangents reach zero."""
-    return f1 < 0.0 or (d0 < 0.0 and d1 > 0.0 and f0 < -d0 * h and f1 < d1 * h)
-
-
-@jit
-def first_crossing(sign, c0, c1, c2, c3, c4, c5):
-    """First u in (0, 1] from which on sign * (c0 + c1 u + ... + c5 u^5) is negative; 1 where it is not.
-
-    The value at 0 does not count: it may be an event's own rounding.
-    """
-    low = 0.0
-    for k in range(1, 9):
-        high = k / 8.0
-        if sign * (c0 + high * (c1 + high * (c2 + high * (c3 + high * (c4 + high * c5))))) < 0.0:
-            break
-        low = high
-    if low == 1.0:
-        return 1.0
-    u = 0.5 * (low + high)
-    while True:  # Newton's method, and bisection where it leaves the bracket
-        value = c0 + u * (c1 + u * (c2 + u * (c3 + u * (c4 + u * c5))))
-        slope = c1 + u * (2.0 * c2 + u * (3.0 * c3 + u * (4.0 * c4 + u * 5.0 * c5)))
-        if sign * value < 0.0:
-            high = u
-        else:
-            low = u
-        following = u - value / slope
-        if not low < following < high:
-            following = 0.5 * (low + high)
-        if abs(following - u) < _CROSSING:
-            return following
-        u = following
 
 
 @part

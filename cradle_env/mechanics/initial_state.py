@@ -23,6 +23,7 @@ from cradle_env.mechanics.layout import (
     UNLOADING,
     WANTED,
     WORK,
+    WORKED,
 )
 from cradle_env.mechanics.strings import stretch, take_branch, work_between
 
@@ -57,6 +58,7 @@ def put(cradle, bob, S, i, theta, r):
     if cradle.elastic:
         S[i, START], S[i, START + 1] = bob.pivot + r * math.sin(theta), -r * math.cos(theta)
         S[i, WORK] = work_between(bob, S[i, T0], 0.0, bob.kappa, 0.0, bob.length, max(r, bob.length))
+        S[i, WORKED] = r
     else:
         S[i, START] = theta
 

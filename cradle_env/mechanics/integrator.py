@@ -10,16 +10,20 @@ from numba import int64
 from cradle_env.mechanics.contact import contact_forces, pair_forces
 from cradle_env.mechanics.forces import pivot_at, rates
 from cradle_env.mechanics.jit import jit, part
+from cradle_env.mechanics.lanes import motion_on
 from cradle_env.mechanics.layout import (
     BROUGHT,
+    COLUMNS,
     CONTACT_LOSS,
     DIM,
     DRAG,
     END,
     FRAME,
+    ON_SERIES,
     OUT,
     RATE0,
     RATE1,
+    SERIES,
     STAGES,
     START,
     T0,
@@ -115,13 +119,15 @@ def _step_group(cradle, bobs, S, W, lo, hi, h):
 
 @jit
 def between(S, i, t):
-    """Coordinates and velocities of bob i at time t [s] of its segment: quintic Hermite.
+    """Coordinates and velocities of bob i at time t [s] of its segment: its series, or quintic Hermite.
 
-    Error h^6 / 46080 times the sixth derivative over a segment of length h: 1e-10 rad at the default step.
+    The latter errs by h^6 / 46080 times the sixth derivative on a segment of length h: 1e-10 rad at the default step.
     """
     if t == S[i, T0] or t == S[i, T1]:
         end = START if t == S[i, T0] else END
         return S[i, end], S[i, end + 1], S[i, end + 2], S[i, end + 3]
+    if S[i, ON_SERIES] != 0.0:
+        return motion_on(S, i * COLUMNS + SERIES, t - S[i, T0])
     h = S[i, T1] - S[i, T0]
     u = (t - S[i, T0]) / h
     v = 1.0 - u

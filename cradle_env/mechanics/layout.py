@@ -49,6 +49,8 @@ CRADLE = np.dtype(
         ("contact_k_el", "f8"),  # k_el of contacts that are, such that they last so many times as long,
         ("contact_k_f", "f8"),  # and k_f such that e(v) is the same
         ("step", "f8"),  # of the integration grid, s
+        ("series", "i8"),  # 1: bobs that touch nothing fly on Taylor series
+        ("tolerance", "f8"),  # of a series: error of the motion that it may leave out, in lengths of the strings
         ("contact_step", "f8"),  # in time scales of a contact that is followed in time
         ("coupled", "i8"),  # 1: bobs act on each other at a distance, and move as one group
         ("reach", "f8"),  # the shortest range of what acts between neighbours, by the step factor, m; 0: nothing does
@@ -82,6 +84,7 @@ BOB = np.dtype(
         ("creep", "f8"),  # string_creep, m
         ("grip", "f8"),  # radial force of the four strings per tension of one, 4 r0 / string (eq. 5)
         ("kappa", "f8"),  # loading stiffness of one string, N/m
+        ("longest", "f8"),  # segment on a series, 2 / omega of the radial motion, s
         ("b", "f8"),  # linear drag, kg/s
         ("c2", "f8"),  # quadratic_drag, kg/m
         ("tau_c", "f8"),  # pivot_friction, N m
@@ -158,7 +161,19 @@ STEPS, TURNS, IMPACTS, MULTI_BODY, SETTLED = 51, 52, 53, 54, 55  # how often wha
 EVENTS, PROGRESS = 56, 57  # of row 0: events since the run last made headway, and when that was [s]
 DISSIPATION = 58  # k_f of the contact of pair i while it is followed in time [N s/m^(3/2)]
 FLOWN = 59  # of row 0: steps of single bobs since the caller last set it to 0
-COLUMNS = 60
+WORKED = 60  # the radius up to which WORK counts [m], where strings do not creep
+# Of pair i, on series: when it was seen last [s], its gap, opening speed and the square of its relative speed.
+SEEN, SEEN_GAP, SEEN_OPENING, SEEN_SQUARE = 61, 62, 63, 64
+
+# Taylor series: for each power of time x, z and their velocities in the room, then the work of drag [J].
+ORDER = 18  # see docs/explanation/accuracy.md
+WORK_OF_DRAG = 4 * (ORDER + 1)
+SERIES_WIDTH = WORK_OF_DRAG + 4 * ((ORDER + 4) // 4)
+ON_SERIES, SERIES = 65, _INT(66)  # 1: this bob's segment is a series; it
+# The segment that follows on a series, where it is laid already: 1; where it ends, and what ends it.
+LATER, LATER_T1, LATER_DUE, LATER_END = 66 + SERIES_WIDTH + _INT([0, 1, 2, 3])
+LATER_SERIES = LATER_END + DIM
+COLUMNS = int(LATER_SERIES) + SERIES_WIDTH
 
 # Columns of the scratch W (N, SCRATCH).
 TRIAL, OUT = map(_INT, (0, DIM))  # a stage's motion; where a step arrives
@@ -170,4 +185,7 @@ N_X, N_Z = FORCE + 8, FORCE + 9  # unit vector of pair i
 CHAIN_D, CHAIN_U = FORCE + 10, FORCE + 11  # diagonal and off-diagonal of a chain's equations, dimensionless
 CHAIN = FORCE + 12  # a chain's overlap, its rate, impulse and work; 4 each: now, at a stage, and of 7 stages d/dtau
 CANDIDATE = CHAIN + 4 * 9  # 1: this contact may persist; 2: it presses
-SCRATCH = CANDIDATE + 1
+# Lanes, in row 0 only: see `lanes`; which bob is in each, 1 for the segment after its present one, and the branch.
+LANES = _INT(CANDIDATE + 1)
+LANE_BOB, LANE_LATER, LANE_BRANCH = LANES + 4 * (20 + ORDER) + _INT([0, 4, 8])
+SCRATCH = int(LANE_BRANCH) + 4

@@ -13,7 +13,7 @@ from cradle_env.mechanics.event_loop import arrive, finish, fly_on, regroup, tur
 from cradle_env.mechanics.forces import pivot_at
 from cradle_env.mechanics.impact import settle
 from cradle_env.mechanics.jit import jit
-from cradle_env.mechanics.layout import BROUGHT, LAST, LINK, LOSS, OPEN, OUT, PRESSED, START, T1
+from cradle_env.mechanics.layout import BROUGHT, LAST, LATER, LINK, LOSS, OPEN, OUT, PRESSED, START, T1
 
 _FIRST = np.int64(0)
 
@@ -49,6 +49,7 @@ def drive(cradle, bobs, S, W, t, rate, times, motion, energy):
                 arrive(cradle, bobs, S, j, t, W, OUT, times, motion, energy)
         i = hi
     for i in range(n):
+        S[i, LATER] = 0.0
         x, before = pivot_at(bobs[i], t), bobs[i].drive
         after = rate * pivot_per_delta(cradle, bobs, i)
         bobs[i].drive, bobs[i].pivot = after, x - after * t
