@@ -14,7 +14,7 @@ from cradle_env.plot_style import BLUE, GREEN, GREY, RED, png, quiet_grid, style
 from identification import Experiment, diagnose
 from identification.diagnosis.report import save
 from identification.diagnosis.result import Diagnosis
-from identification.reporting.terminal import Progress
+from identification.reporting.terminal import TerminalProgress
 
 ROOT = Path(__file__).resolve().parent
 #: Last swings shown [s].
@@ -60,7 +60,7 @@ def figure(diagnosis: Diagnosis):
 
 def main(out: Path) -> Diagnosis:
     """Diagnoses the example under HO; prints the steps; writes the report and the picture."""
-    with Progress() as tell:
+    with TerminalProgress() as tell:
         diagnosis = diagnose(Experiment.load(ROOT / "ring-2" / "from-ho.toml"), out=out, progress=tell)
     content = save(diagnosis, out)
     print(f"HO: gap {diagnosis.base.training_gap():.3g} where fitted, {content['gap_first']:.3g} held out")

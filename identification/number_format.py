@@ -15,18 +15,18 @@ _SUBSCRIPTS = str.maketrans("₀₁₂₃₄₅₆₇₈₉", "0123456789")
 _SUPERSCRIPTS = str.maketrans("0123456789-", "⁰¹²³⁴⁵⁶⁷⁸⁹⁻")
 
 
-def minus(number: str) -> str:
+def typographic_minus(number: str) -> str:
     """A number as print has it, with a minus for a hyphen."""
     return number.replace("-", "−")
 
 
-def _parts(symbol: str) -> tuple[str, str]:
+def _split_symbol(symbol: str) -> tuple[str, str]:
     """(letter, subscript) of a symbol such as "k_f" or "c₂"."""
     letter, _, subscript = re.sub(r"([₀-₉]+)", r"_\1", symbol).partition("_")
     return letter, subscript.translate(_SUBSCRIPTS)
 
 
-def literal(text: str) -> str:
+def escape_mathtext(text: str) -> str:
     """A text from outside, such as the name of a file, as Matplotlib draws it letter by letter: no dollar begins
     mathtext."""
     return text.replace("$", r"\$")
@@ -34,13 +34,13 @@ def literal(text: str) -> str:
 
 def mathtext(symbol: str) -> str:
     """A symbol as Matplotlib sets it: k_f with an index."""
-    letter, subscript = _parts(symbol)
+    letter, subscript = _split_symbol(symbol)
     return f"${letter}_{{\\mathrm{{{subscript}}}}}$" if subscript else f"${letter}$"
 
 
 def markup(symbol: str) -> Markup:
     """A symbol as HTML."""
-    letter, subscript = _parts(symbol)
+    letter, subscript = _split_symbol(symbol)
     return Markup("<i>{}</i>").format(letter) + (Markup("<sub>{}</sub>").format(subscript) if subscript else "")
 
 
@@ -54,8 +54,8 @@ def unit_mathtext(unit: str, exponent: int = 0) -> str:
 
 def unit_markup(unit: str, exponent: int = 0) -> Markup:
     """A unit, times a power of ten, as HTML; empty for a plain number."""
-    factor = f"10<sup>{minus(str(exponent))}</sup>" if exponent else ""
-    power = lambda match: f"<sup>{minus(match[1])}</sup>"  # noqa: E731
+    factor = f"10<sup>{typographic_minus(str(exponent))}</sup>" if exponent else ""
+    power = lambda match: f"<sup>{typographic_minus(match[1])}</sup>"  # noqa: E731
     unit = "" if unit == "1" else re.sub(r"\^(-?[\d/]+)", power, html.escape(unit))
     return Markup(" ".join(part for part in (factor, unit) if part))
 
@@ -90,7 +90,7 @@ class Rounding:
         if value is None or not math.isfinite(value):
             return "–"
         rounded = round(value / 10.0**self.exponent, self.decimals) + 0.0  # no −0
-        return minus(f"{rounded:.{self.decimals}f}")
+        return typographic_minus(f"{rounded:.{self.decimals}f}")
 
 
 def rounding_of(statistics: Mapping[str, Any]) -> Rounding:
@@ -98,14 +98,14 @@ def rounding_of(statistics: Mapping[str, Any]) -> Rounding:
     return Rounding.of(statistics["median"] or 0.0, statistics["sd"] or 0.0)
 
 
-def shown(statistics: Mapping[str, Any]) -> dict[str, str]:
+def format_statistics(statistics: Mapping[str, Any]) -> dict[str, str]:
     """median, sd, ci68 and ci95 of an entry of a summary as text, in units of unit_plain(unit, exponent)."""
     rounding = rounding_of(statistics)
     texts = {key: rounding.text(statistics[key]) for key in ("median", "sd")}
     return texts | {key: " to ".join(map(rounding.text, statistics[key])) for key in ("ci68", "ci95")}
 
 
-def estimate(median: float, ci95: tuple[float, float]) -> tuple[str, str, int]:
+def format_estimate(median: float, ci95: tuple[float, float]) -> tuple[str, str, int]:
     """(median, interval, exponent) as they are shown in units of 10^exponent: to two digits of about a standard
     deviation; where a positive interval spans more than a decade, each number to two digits of its own."""
     low, high = ci95
@@ -118,12 +118,12 @@ def estimate(median: float, ci95: tuple[float, float]) -> tuple[str, str, int]:
     return texts[0], f"{texts[1]} to {texts[2]}", rounding.exponent
 
 
-def number(value: float | None, digits: int = 3) -> str:
+def format_number(value: float | None, digits: int = 3) -> str:
     """A plain number to some digits; a dash where there is none."""
-    return "–" if value is None or not math.isfinite(value) else minus(f"{value:#.{digits}g}".rstrip("."))
+    return "–" if value is None or not math.isfinite(value) else typographic_minus(f"{value:#.{digits}g}".rstrip("."))
 
 
-def ratio(value: float | None) -> str:
+def format_ratio(value: float | None) -> str:
     """A gap: two decimals where it is near its floor, fewer where it is far off."""
     if value is None or not math.isfinite(value):
         return "–"

@@ -9,11 +9,11 @@ from identification.diagnosis.selection.search import FitCache, Searcher
 from identification.experiment.experiment import Experiment
 from identification.experiment.run import ReleaseInfo, Run
 from identification.inference.convergence import Convergence
-from identification.inference.fit_result import Fitted, with_known_noise
+from identification.inference.fit_result import FitResult, with_known_noise
 from identification.inference.gap import Gap
 from identification.inference.likelihood import Likelihood
 from identification.inference.posterior import Posterior
-from identification.inference.start_points import placed
+from identification.inference.start_points import point_at
 from studies.diagnosis.study import SINGLES, Apparatus, Case, Settings
 from tests.reference.laboratory import Recording
 
@@ -64,7 +64,7 @@ def made_up_posterior(
         likelihood,
         centre + np.array(width) * z,
         -0.5 * np.sum(z**2, axis=-1),
-        rates if likelihood.lambda_rides_along else None,
+        rates if likelihood.gives_lambda else None,
         Convergence(converged, 1.004 if converged else 1.07, 812.0 if converged else 120.0, 31.0, steps, 20, reasons),
         gap or Gap(1.004, 1.013, {"train": np.full(1 + experiment.cradle.bobs, 1e-3)}),
         seed=3,
@@ -84,7 +84,7 @@ def early_case(name: str) -> Apparatus:
     return apparatus
 
 
-def nothing_hidden(folder: Path, name: str) -> tuple[Fitted, np.ndarray]:
+def nothing_hidden(folder: Path, name: str) -> tuple[FitResult, np.ndarray]:
     """A case of the study's first rounds in which nothing is hidden, its model fitted to everything; and the truth,
     (D,)."""
     apparatus = early_case(name)
@@ -93,4 +93,4 @@ def nothing_hidden(folder: Path, name: str) -> tuple[Fitted, np.ndarray]:
     searcher = Searcher(FitCache(None, ""), 0, None)
     found = searcher.fit_all_data(searcher.fit_global(with_known_noise(experiment)))
     truth = {**apparatus.truth, "release_angle_error@1": apparatus.angle - apparatus.lifted}
-    return found, placed(found.likelihood, truth)
+    return found, point_at(found.likelihood, truth)

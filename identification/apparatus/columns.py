@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from cradle_env.errors import unknown_key
-from identification.experiment.recording import delimiter_of, is_content, read_rows, split
+from identification.experiment.recording import find_delimiter, is_content, read_rows, split_header
 from identification.storage.files import ExperimentError, read_text
 
 TIMES = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "ns": 1e-9}
@@ -55,8 +55,8 @@ def read_columns(path: Path, known: Mapping[str, Column]) -> Columns:
     example = ",".join(f"{name} [{next(iter(column.units))}]" for name, column in known.items())
     if top is None:
         raise ExperimentError(f"{path}: empty; it needs a header line such as {example}, and rows")
-    delimiter = delimiter_of(lines[top])
-    labels = split(lines[top], delimiter)
+    delimiter = find_delimiter(lines[top])
+    labels = split_header(lines[top], delimiter)
     scales: dict[str, tuple[int, float]] = {}
     for place, label in enumerate(labels):
         name, scale = _column(f"{path}, line {top + 1}", label, known, example)

@@ -8,10 +8,10 @@ from typing import Any
 
 from cradle_env.plot_style import png
 from identification.apparatus.measurement import FORMAT, Measurement
-from identification.number_format import markup, rounding_of, shown, unit_markup
+from identification.number_format import format_statistics, markup, rounding_of, unit_markup
 from identification.reporting.html_page import render
 from identification.storage.files import ExperimentError
-from identification.storage.stamps import check_own, check_report, stamped, write_listed
+from identification.storage.stamps import check_replaceable, check_report, read_stamp, write_results
 
 #: Written last, and the page.
 STAMP, REPORT = "measurement.json", "report.html"
@@ -20,8 +20,8 @@ STAMP, REPORT = "measurement.json", "report.html"
 def check_folder(folder: Path, kind: str, names: tuple[str, ...] = ()) -> None:
     """ExperimentError where a folder holds the results of something else; names: of files that only this kind has."""
     check_report(folder, "measure")
-    check_own(folder, (STAMP, REPORT, f"{kind}.png", *names), STAMP, FORMAT)
-    other = (stamped(folder / STAMP, FORMAT, "measurement") or {}).get("kind", kind)
+    check_replaceable(folder, (STAMP, REPORT, f"{kind}.png", *names), STAMP, FORMAT)
+    other = (read_stamp(folder / STAMP, FORMAT, "measurement") or {}).get("kind", kind)
     if other != kind:
         raise ExperimentError(f"{folder}: holds a measurement of {other}; choose another --out")
 
@@ -31,7 +31,7 @@ def save(measured: Measurement, folder: Path) -> dict[str, Any]:
     content, picture, more = measured.content(), png(measured.figure()), measured.files()
     files = {f"{measured.kind}.png": picture, REPORT: html(measured, picture), **more}
     check_folder(folder, measured.kind, tuple(more))
-    return write_listed(folder, files, STAMP, content)
+    return write_results(folder, files, STAMP, content)
 
 
 def html(measured: Measurement, picture: bytes) -> str:
@@ -47,7 +47,7 @@ def html(measured: Measurement, picture: bytes) -> str:
                 "symbol": markup(value.symbol),
                 "meaning": value.meaning,
                 "unit": unit_markup(value.unit, rounding_of(content["values"][name]).exponent),
-                **shown(content["values"][name]),
+                **format_statistics(content["values"][name]),
             }
             for name, value in measured.values.items()
         ],

@@ -30,15 +30,18 @@ def study(folder: Path, out: Path, seed: int = 0, workers: int | None = None) ->
     for name, answer in answers.items():
         done = out / name / "result.json"
         if not done.is_file():
-            row = {"case": name, **judged(folder / name / "experiment.toml", out / name, answer, seed, workers)}
-            write_together(done.parent, {done.name: json_text(row)})
+            result_row = {
+                "case": name,
+                **diagnose_case(folder / name / "experiment.toml", out / name, answer, seed, workers),
+            }
+            write_together(done.parent, {done.name: json_text(result_row)})
         rows.append(json.loads(done.read_text(encoding="utf-8")))
-        print(_line(rows[-1]), flush=True)
-        write_together(out, {"study.md": table(rows)})
+        print(_markdown_row(rows[-1]), flush=True)
+        write_together(out, {"study.md": markdown_table(rows)})
     return rows
 
 
-def judged(
+def diagnose_case(
     path: Path, out: Path, answer: Mapping[str, Any], seed: int, workers: int | None
 ) -> dict[str, Any]:  # fmt: skip
     """One row, with what it cost."""
@@ -62,14 +65,14 @@ def row(content: Mapping[str, Any], answer: Mapping[str, Any]) -> dict[str, Any]
         "gap before": content["gap_first"],
         "gap after": content["gap_last"],
         "left": content["remainder"]["significant"],
-        "right": right(content["verdict"], found, content["equivalent"], hidden) if possible else None,
-        "errors": errors(content["parameters"], answer.get("truth", {})),
+        "right": is_right(content["verdict"], found, content["equivalent"], hidden) if possible else None,
+        "errors": parameter_errors(content["parameters"], answer.get("truth", {})),
         "intervals": {name: entry for name, entry in content["parameters"].items() if name.partition(".")[0] in hidden},
         "unseen": [entry for entry in content["unseen"] if entry["effect"] in hidden],
     }
 
 
-def right(verdict: str, found: Sequence[str], equivalent: Sequence[Sequence[str]], hidden: Sequence[str]) -> bool:
+def is_right(verdict: str, found: Sequence[str], equivalent: Sequence[Sequence[str]], hidden: Sequence[str]) -> bool:
     """Whether a verdict is that which the hidden effects call for."""
     if not hidden:
         return verdict == "nothing_missing"
@@ -78,7 +81,7 @@ def right(verdict: str, found: Sequence[str], equivalent: Sequence[Sequence[str]
     return any(sorted([*found, *names]) == sorted(hidden) for names in equivalent or [[]])
 
 
-def errors(parameters: Mapping[str, Any], truth: Mapping[str, float]) -> dict[str, float]:
+def parameter_errors(parameters: Mapping[str, Any], truth: Mapping[str, float]) -> dict[str, float]:
     """Errors of the cradle's parameters in units of their standard deviation. parameters: as diagnosis.json has
     them."""
     found = {}
@@ -90,10 +93,10 @@ def errors(parameters: Mapping[str, Any], truth: Mapping[str, float]) -> dict[st
     return found
 
 
-def table(rows: Sequence[Mapping[str, Any]]) -> str:
+def markdown_table(rows: Sequence[Mapping[str, Any]]) -> str:
     """The rows in Markdown, and how many were right."""
     lines = ["| " + " | ".join(_COLUMNS) + " |", "|" + "---|" * len(_COLUMNS)]
-    lines += [_line(row) for row in rows]
+    lines += [_markdown_row(row) for row in rows]
     counted = [row for row in rows if row["right"] is not None]
     lines += ["", f"{sum(row['right'] for row in counted)} of {len(counted)} right."]
     if len(counted) < len(rows):
@@ -101,7 +104,7 @@ def table(rows: Sequence[Mapping[str, Any]]) -> str:
     return "\n".join([*lines, ""])
 
 
-def _line(row: Mapping[str, Any]) -> str:
+def _markdown_row(row: Mapping[str, Any]) -> str:
     cells = []
     for key in _COLUMNS:
         value = row[key]

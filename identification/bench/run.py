@@ -27,9 +27,9 @@ from cradle_env.errors import check_range
 from cradle_env.release import Release
 from cradle_env.simulation import simulate
 from identification.bench import environment, scipy_peer
-from identification.reporting.terminal import Progress, print_table
+from identification.reporting.terminal import TerminalProgress, print_table
 from identification.storage.files import write_json
-from identification.storage.stamps import check_own
+from identification.storage.stamps import check_replaceable
 
 _FILE, _FORMAT = "bench.json", "cradle-bench/1"
 _ANGLE, _RATE = 0.228, 60.0
@@ -53,17 +53,17 @@ def race(bobs: int, duration: float, compared: float) -> list[dict[str, Any]]:
 
     reference = peer(early, rtol=1e-13, atol=1e-15, max_step=0.005)
     whole = np.ones_like(early)
-    seconds, theta = _timed(lambda: peer(whole, rtol=1e-8))
+    seconds, theta = _time_best(lambda: peer(whole, rtol=1e-8))
     rows = [{"integrator": "SciPy DOP853, rtol 1e-8", "seconds": seconds, "error": _error(theta, reference, early)}]
     for factor in _STEPS:
         ours = lambda factor=factor: simulate(cradle, release, times=times, step_factor=factor).theta  # noqa: E731
-        found, theta = _timed(ours)
+        found, theta = _time_best(ours)
         name = "cradle_env" if factor == 1.0 else f"cradle_env, {factor:g} of its step"
         rows.append({"integrator": name, "seconds": found, "error": _error(theta, reference, early)})
     return [{"bobs": bobs, "simulated": duration, **row, "ratio": seconds / row["seconds"]} for row in rows]
 
 
-def _timed(function: Callable[[], np.ndarray]) -> tuple[float, np.ndarray]:
+def _time_best(function: Callable[[], np.ndarray]) -> tuple[float, np.ndarray]:
     """(the least of _REPEATS times [s], the result), after one that is not counted: it may compile and fill caches."""
     result, best = function(), np.inf
     for _ in range(_REPEATS):
@@ -85,18 +85,19 @@ def first_calls() -> dict[str, float]:
         shutil.copytree(
             Path(spec.origin).parent, Path(folder) / "cradle_env", ignore=shutil.ignore_patterns("__pycache__")
         )
-        cold, cached = (_python(_FIRST_CALL, folder) for _ in range(2))
+        cold, cached = (_run_python(_FIRST_CALL, folder) for _ in range(2))
     return {"first call": cold, "first call, cached": cached}
 
 
 def import_times() -> dict[str, float]:
     """Processor seconds of each import in a fresh process, the least of five."""
     return {
-        f"import {name}": min(_python(_IMPORT.format(name)) for _ in range(5)) for name in ("cradle_env", "gymnasium")
+        f"import {name}": min(_run_python(_IMPORT.format(name)) for _ in range(5))
+        for name in ("cradle_env", "gymnasium")
     }
 
 
-def _python(code: str, folder: str | None = None) -> float:
+def _run_python(code: str, folder: str | None = None) -> float:
     """The number that `code` prints in a fresh interpreter that looks for packages in `folder` first."""
     found = subprocess.run(
         [sys.executable, "-c", code], cwd=folder, capture_output=True, text=True, check=True, env=_environment(folder)
@@ -113,8 +114,8 @@ def main(duration: float, out: Path | None) -> None:
     """Measures, prints a table, and writes bench.json if a folder is given."""
     check_range("duration", duration, "s", 1.0)
     if out is not None:
-        check_own(out, (_FILE,), _FILE, _FORMAT)
-    with Progress() as progress:
+        check_replaceable(out, (_FILE,), _FILE, _FORMAT)
+    with TerminalProgress() as progress:
         races = []
         for i, (bobs, compared) in enumerate(_RACES.items()):
             progress("race", i / len(_RACES), f"{bobs} bobs over {duration:g} s")

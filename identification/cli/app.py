@@ -66,7 +66,7 @@ _FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 
 
 @contextmanager
-def _kept(out: Path | None, what: Callable[[], str]) -> Iterator[None]:
+def _say_what_is_kept(out: Path | None, what: Callable[[], str]) -> Iterator[None]:
     """Where a command that writes to `out` is stopped: says what is kept."""
     try:
         yield
@@ -139,12 +139,12 @@ def new(
     from identification.experiment.scaffold import scaffold
     from identification.experiment.table_columns import Columns
 
-    columns = Columns(time, dict(_numbered(text) for text in bob or ()), tuple(unit or ()), rate)
+    columns = Columns(time, dict(_parse_bob_column(text) for text in bob or ()), tuple(unit or ()), rate)
     path = scaffold(data, out, overwrite=overwrite, columns=columns, mirror=mirror, report=typer.echo)
     typer.echo(f"{path}: check each entry against your cradle, then: cradle calibrate {path} --out DIR")
 
 
-def _numbered(text: str) -> tuple[int, str]:
+def _parse_bob_column(text: str) -> tuple[int, str]:
     """(1, "Angle 1") of "1=Angle 1"."""
     number, equals, name = text.partition("=")
     if not (equals and name and number.isdecimal() and number.isascii()):
@@ -189,10 +189,10 @@ def simulate(
     elif noise is not None:
         raise ValueError(f"noise is {noise:g} rad, but only an experiment has readings; add --experiment, or omit it")
     fields = {"bobs": bobs, "model": model, "beta": beta, "kappa": kappa, "k_f": k_f, "b": b}
-    cradle, release = commands.described(
+    cradle, release = commands.parse_cradle_options(
         source, fields, delta, effect or [], set_ or [], angle=release_angle, lifted=lifted, start=start
     )
-    with _kept(out, _nothing_kept):
+    with _say_what_is_kept(out, _nothing_kept):
         commands.simulate(cradle, release, duration, sample_rate, out, noise, seed)
 
 
@@ -212,12 +212,12 @@ def calibrate(
     from identification.cli import commands
 
     def sampled() -> str:
-        from identification.inference.checkpoint import steps_kept
+        from identification.inference.checkpoint import count_kept_steps
 
         file = out / "chain.h5"
-        return f"{steps_kept(file) or 'no'} steps are kept in {file}; the same command goes on"
+        return f"{count_kept_steps(file) or 'no'} steps are kept in {file}; the same command goes on"
 
-    with _kept(out, sampled):
+    with _say_what_is_kept(out, sampled):
         return commands.calibrate(experiment, out, steps, max_steps, seed, workers)
 
 
@@ -235,7 +235,7 @@ def predict(
     """Predict σ(t) and λ of any cradle from a calibration: prediction.json, prediction.csv and prediction.png."""
     from identification.cli import commands
 
-    with _kept(out, _nothing_kept):
+    with _say_what_is_kept(out, _nothing_kept):
         commands.predict(calibration, out, delta, release_angle, bobs, draws, seed, workers)
 
 
@@ -252,7 +252,7 @@ def diagnose(
     """
     from identification.cli import commands
 
-    with _kept(out, _same_command(f"{out / 'fits.json'} holds the fits that were finished")):
+    with _say_what_is_kept(out, _same_command(f"{out / 'fits.json'} holds the fits that were finished")):
         commands.diagnose(experiment, out, seed, workers)
 
 
@@ -278,7 +278,7 @@ def reproduce(
     """
     from identification.cli import commands
 
-    with _kept(out, _same_command(f"{out} holds the figures that were finished")):
+    with _say_what_is_kept(out, _same_command(f"{out} holds the figures that were finished")):
         commands.reproduce(out, only or [], values, calibration, seed, workers)
 
 
@@ -333,7 +333,7 @@ def sweep(
 
     axes = tuple(over or ())
     fields = {"bobs": bobs, "model": model, "beta": beta, "kappa": kappa, "k_f": k_f, "b": b}
-    cradle, release = commands.described(
+    cradle, release = commands.parse_cradle_options(
         source,
         fields,
         delta,
@@ -344,8 +344,8 @@ def sweep(
         start=start,
         over=axes or tuple(AXES if explore else ()),
     )
-    asked = sweep_command.Asked(axes, tuple(quantity or ("lambda",)), times, table, explore)
-    with _kept(out, _same_command(f"{out / 'runs.npy'} holds the runs that were finished")):
+    asked = sweep_command.SweepRequest(axes, tuple(quantity or ("lambda",)), times, table, explore)
+    with _say_what_is_kept(out, _same_command(f"{out / 'runs.npy'} holds the runs that were finished")):
         sweep_command.run(cradle, release, asked, duration, sample_rate, out, seed, workers)
 
 
@@ -372,7 +372,7 @@ def design(
     """
     from identification.cli import commands
 
-    with _kept(out, _same_command(f"{out / 'fits.json'} holds the fits that were finished")):
+    with _say_what_is_kept(out, _same_command(f"{out / 'fits.json'} holds the fits that were finished")):
         commands.design(experiment, out, between or [], diagnosis, seed, workers)
 
 
@@ -386,7 +386,7 @@ def bench(
     """Measure speed and accuracy against SciPy on this machine, on one core, as ratios."""
     from identification.bench import run
 
-    with _kept(out, lambda: "nothing was written"):
+    with _say_what_is_kept(out, lambda: "nothing was written"):
         run.main(duration, out)
 
 
@@ -394,9 +394,9 @@ def bench(
 def warmup(seed: Annotated[int, typer.Option("--seed", hidden=True)] = 0, workers: NoWorkers = None) -> None:
     """Compile what simulations and environments run, once for this machine; else their first calls do."""
     from cradle_env.warmup import warm_up
-    from identification.reporting.terminal import Progress
+    from identification.reporting.terminal import TerminalProgress
 
-    with Progress() as progress:
+    with TerminalProgress() as progress:
         progress("compile", None, "half a minute on two cores, once")
         warm_up()
 
@@ -409,29 +409,29 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         return int(app(args=arguments, prog_name="cradle", standalone_mode=False) or 0)
     except _USAGE_ERROR as problem:
-        return _end(2, _usage(problem))
+        return _exit_status(2, _usage_message(problem))
     except _InterruptedError as problem:
-        return _end(130, str(problem))
+        return _exit_status(130, str(problem))
     except _FullDiskError as problem:
-        return _end(1, str(problem))
+        return _exit_status(1, str(problem))
     except (KeyboardInterrupt, typer.Abort):
-        return _end(130, "interrupted")
+        return _exit_status(130, "interrupted")
     except BrokenPipeError:  # the reader of our output has gone
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1
     except _UNUSABLE as problem:
-        return _end(2, _one_line(problem))
+        return _exit_status(2, _one_line(problem))
     except (OSError, MemoryError) as problem:
-        return _end(1, _one_line(problem) or type(problem).__name__)
+        return _exit_status(1, _one_line(problem) or type(problem).__name__)
     except RuntimeError as problem:
         from cradle_env.simulation import SimulationError
 
         if not isinstance(problem, SimulationError):
             raise
-        return _end(1, str(problem))
+        return _exit_status(1, str(problem))
 
 
-def _usage(problem: Exception) -> str:
+def _usage_message(problem: Exception) -> str:
     """A mistake on the command line in one line, with the nearest that is right."""
     possible = getattr(problem, "possibilities", None)
     message = problem.format_message()  # type: ignore[attr-defined]
@@ -446,6 +446,6 @@ def _one_line(problem: BaseException) -> str:
     return str(problem)
 
 
-def _end(status: int, message: str) -> int:
+def _exit_status(status: int, message: str) -> int:
     print("cradle:", " ".join(message.split()), file=sys.stderr)
     return status

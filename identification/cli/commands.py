@@ -20,17 +20,24 @@ from cradle_env.model_files import read_model
 from cradle_env.release import Release
 from identification.experiment.experiment import Experiment
 from identification.experiment.experiment_file import FILE_NAME
-from identification.experiment.run import ReleaseInfo, Run, checked_noise
+from identification.experiment.run import ReleaseInfo, Run, check_noise
 from identification.inference.instrument import Instrument
 from identification.inference.posterior import Posterior
 from identification.inference.samples import FORMAT as POSTERIOR_FORMAT
-from identification.number_format import estimate, number, ratio, rounding_of, shown, unit_plain
+from identification.number_format import (
+    format_estimate,
+    format_number,
+    format_ratio,
+    format_statistics,
+    rounding_of,
+    unit_plain,
+)
 from identification.reporting import result_files
-from identification.reporting.terminal import Progress, print_table
+from identification.reporting.terminal import TerminalProgress, print_table
 from identification.reporting.verdicts import convergence_verdict, model_verdict
-from identification.storage.lock import holds_out
-from identification.storage.stamps import check_own, check_report
-from identification.sweep.grid import EXCLUSIVE, of_other_bobs
+from identification.storage.lock import locks_output
+from identification.storage.stamps import check_replaceable, check_report
+from identification.sweep.grid import EXCLUSIVE, release_for_bobs
 
 if TYPE_CHECKING:
     from identification.diagnosis.next_experiment.expected_information import Advice
@@ -39,7 +46,7 @@ if TYPE_CHECKING:
 _ANGLE = 0.228
 
 
-def described(
+def parse_cradle_options(
     source: Path | None,
     fields: Mapping[str, Any],
     delta: str | None,
@@ -66,11 +73,11 @@ def described(
             print(f"cradle: {told}; --release-angle states another", file=sys.stderr)
     values = {name: value for name, value in fields.items() if value is not None}
     if delta is not None:
-        gaps = tuple(_number("delta", gap) for gap in delta.split(","))
+        gaps = tuple(_parse_number("delta", gap) for gap in delta.split(","))
         values["delta"] = gaps[0] if len(gaps) == 1 else gaps
     elif values.get("bobs", cradle.bobs) != cradle.bobs and isinstance(cradle.delta, tuple):
         raise ValueError(f"{source} has one delta per gap; give --delta for {values['bobs']} bobs")
-    values |= dict(_setting(text) for text in settings)
+    values |= dict(_parse_setting(text) for text in settings)
     if str(values.get("model", "")).lower().endswith(".toml"):
         values["model"], values["effects"] = read_model(Path(values["model"]))
         unstated = ()
@@ -96,12 +103,12 @@ def described(
         angle = release.lead(cradle)[1] if angle is None else angle
         release = Release(angle=angle, bobs=lifted, start=release.start)
     else:
-        release = of_other_bobs(release, stated_of, cradle.bobs)
+        release = release_for_bobs(release, stated_of, cradle.bobs)
         release = release if angle is None else release.lifted_to(angle, cradle)
     return cradle, release if start is None else dataclasses.replace(release, start=start)
 
 
-def _number(name: str, text: str) -> float:
+def _parse_number(name: str, text: str) -> float:
     try:
         return float(text)
     except ValueError:
@@ -112,7 +119,7 @@ def _number(name: str, text: str) -> float:
 _OWN_OPTION = ("bobs", "delta", "model", "beta", "kappa", "k_f", "b", "release_angle", "lifted", "start")
 
 
-def _setting(text: str) -> tuple[str, Any]:
+def _parse_setting(text: str) -> tuple[str, Any]:
     """("length", 0.25) of "length=0.25"."""
     name, equals, value = text.partition("=")
     if not equals:
@@ -122,7 +129,7 @@ def _setting(text: str) -> tuple[str, Any]:
     known = [f.name for f in dataclasses.fields(Cradle) if f.name not in (*_OWN_OPTION, "effects", "power_law")]
     if name not in known:
         raise ValueError(f"--set {text}: {unknown_key('name', name, known)}")
-    return name, _number(f"--set {name}", value)
+    return name, _parse_number(f"--set {name}", value)
 
 
 def _with_effects(known: Mapping[str, Mapping[str, Any]], texts: Sequence[str]) -> dict[str, dict[str, Any]]:
@@ -135,12 +142,12 @@ def _with_effects(known: Mapping[str, Mapping[str, Any]], texts: Sequence[str]) 
             raise ValueError(f"--effect {text}: expected NAME.KEY=VALUE, as quadratic_drag.c2=0.002, or -NAME")
         entry = effects.setdefault(name, {})
         if equals:
-            numbers = tuple(_number(f"--effect {address}", part) for part in value.split(","))
+            numbers = tuple(_parse_number(f"--effect {address}", part) for part in value.split(","))
             entry[key] = numbers[0] if len(numbers) == 1 else numbers
     return effects
 
 
-@holds_out
+@locks_output
 def simulate(
     cradle: Cradle,
     release: Release,
@@ -152,25 +159,25 @@ def simulate(
 ) -> None:
     """Simulates one run and writes it; with noise [rad], an experiment with its data too."""
     if noise is not None:
-        checked_noise(noise, "rad")
+        check_noise(noise, "rad")
     written = (*result_files.RUN_FILES, *(() if noise is None else (FILE_NAME, Run.file)))
-    check_own(out, (result_files.SUMMARY, *written), result_files.SUMMARY, result_files.RUN_FORMAT)
-    with Progress() as progress:
+    check_replaceable(out, (result_files.SUMMARY, *written), result_files.SUMMARY, result_files.RUN_FORMAT)
+    with TerminalProgress() as progress:
         progress("simulate", None, "the first run after installation compiles for some seconds")
-        tell = lambda part: progress("simulate", part, f"{part * duration:.3g} of {duration:g} s")  # noqa: E731
-        run = simulation.simulate(cradle, release, duration, sample_rate, progress=tell)
+        report = lambda part: progress("simulate", part, f"{part * duration:.3g} of {duration:g} s")  # noqa: E731
+        run = simulation.simulate(cradle, release, duration, sample_rate, progress=report)
         progress("draw", None)
         described_by = {"cradle": result_files.cradle_values(cradle), "release": result_files.release_values(release)}
         inputs = hashlib.sha256(json.dumps([described_by, duration, sample_rate], sort_keys=True).encode()).hexdigest()
-        experiment = None if noise is None else _as_experiment(cradle, release, run.t, noise, seed)
+        experiment = None if noise is None else _record_experiment(cradle, release, run.t, noise, seed)
         summary = result_files.save_run(run, out, seed=seed, inputs=inputs, experiment=experiment)
     rate, groups = summary["lambda"], summary["cradle"]["groups"] | {"gamma": summary["release"]["gamma"]}
     symbols = {"alpha": "α", "n": "n", "beta": "β", "gamma": "γ"}
     rows = [
-        ("λ", f"– ({summary['no_lambda_because']})" if rate is None else f"{number(rate['value'], 5)} 1/s"),
-        ("σ at the end", number(summary["sigma_final"])),
+        ("λ", f"– ({summary['no_lambda_because']})" if rate is None else f"{format_number(rate['value'], 5)} 1/s"),
+        ("σ at the end", format_number(summary["sigma_final"])),
         ("impacts", str(summary["impacts"])),
-        ("groups", ", ".join(f"{symbol} = {number(groups[key], 4)}" for key, symbol in symbols.items())),
+        ("groups", ", ".join(f"{symbol} = {format_number(groups[key], 4)}" for key, symbol in symbols.items())),
     ]
     print_table(("quantity", "value"), rows)
     print(f"picture: {out / 'run.png'}")
@@ -178,7 +185,7 @@ def simulate(
         print(f"experiment: {out / 'experiment.toml'}")
 
 
-def _as_experiment(cradle: Cradle, release: Release, times: np.ndarray, noise: float, seed: int) -> Experiment:
+def _record_experiment(cradle: Cradle, release: Release, times: np.ndarray, noise: float, seed: int) -> Experiment:
     """What the model's instrument would show of a run, with Gaussian noise [rad], and the truth stated."""
     instants = np.maximum(Instrument(cradle).instants(times), 0.0)
     order = np.argsort(instants, kind="stable")
@@ -189,7 +196,7 @@ def _as_experiment(cradle: Cradle, release: Release, times: np.ndarray, noise: f
     return Experiment(cradle, (Run(times, shown_, release=ReleaseInfo(release), delta=cradle.delta, noise=noise),))
 
 
-@holds_out
+@locks_output
 def calibrate(
     path: Path, out: Path, steps: int | None, max_steps: int, seed: int, workers: int | None
 ) -> int:  # fmt: skip
@@ -197,9 +204,11 @@ def calibrate(
     from identification.inference.calibration import calibrate as run
 
     check_report(out, "calibrate")
-    check_own(out, (result_files.SUMMARY, *result_files.CALIBRATION_FILES), result_files.SUMMARY, POSTERIOR_FORMAT)
+    check_replaceable(
+        out, (result_files.SUMMARY, *result_files.CALIBRATION_FILES), result_files.SUMMARY, POSTERIOR_FORMAT
+    )
     experiment = Experiment.load(path)
-    with Progress() as progress:
+    with TerminalProgress() as progress:
         posterior = run(
             experiment, out=out, steps=steps, max_steps=max_steps, seed=seed, workers=workers, progress=progress
         )
@@ -215,7 +224,7 @@ def calibrate(
     return 0
 
 
-@holds_out
+@locks_output
 def diagnose(path: Path, out: Path, seed: int, workers: int | None) -> None:
     """Diagnoses an experiment and writes what was found."""
     from identification.diagnosis.report import check_folder, save, verdict_sentence
@@ -224,25 +233,29 @@ def diagnose(path: Path, out: Path, seed: int, workers: int | None) -> None:
     check_report(out, "diagnose")
     check_folder(out)
     experiment = Experiment.load(path)
-    with Progress() as progress:
+    with TerminalProgress() as progress:
         diagnosis = run(experiment, out=out, seed=seed, workers=workers, progress=progress)
         content = save(diagnosis, out, progress)
     if content["steps"]:
         rows = []
         for step in content["steps"]:
             units = {p.key: p.unit for p in effect(step["effect"]).parameters}
-            found = ", ".join(f"{key} = {_known(entry, units[key])}" for key, entry in step["parameters"].items())
-            rows.append((step["effect"], found or "–", ratio(step["gap_before"]), ratio(step["gap_after"])))
+            found = ", ".join(
+                f"{key} = {_format_parameter(entry, units[key])}" for key, entry in step["parameters"].items()
+            )
+            rows.append(
+                (step["effect"], found or "–", format_ratio(step["gap_before"]), format_ratio(step["gap_after"]))
+            )
         print_table(("effect", "parameters (95 %)", "gap before", "gap after"), rows)
     for warning in content["warnings"]:
         print(f"cradle: {warning}", file=sys.stderr)
     print(f"{content['verdict']}: {verdict_sentence(content)}")
     if diagnosis.advice is not None:
-        print(advised(diagnosis.advice))
+        print(format_advice(diagnosis.advice))
     print(f"report: {out / 'report.html'}")
 
 
-def advised(advice: Advice) -> str:
+def format_advice(advice: Advice) -> str:
     """The next experiment in a line."""
     from identification.diagnosis.next_experiment.run_grid import describe_run
 
@@ -252,7 +265,7 @@ def advised(advice: Advice) -> str:
     return f"next experiment: {describe_run(plan.setting, plan.duration)}. {advice.alternative}".rstrip()
 
 
-@holds_out
+@locks_output
 def design(
     path: Path, out: Path, between: Sequence[str], diagnosis: Path | None, seed: int, workers: int | None
 ) -> None:
@@ -268,7 +281,7 @@ def design(
 
     check_folder(out)
     experiment = Experiment.load(path)
-    with Progress() as progress:
+    with TerminalProgress() as progress:
         designed = run(
             experiment, between=between, diagnosis=diagnosis, out=out, seed=seed, workers=workers, progress=progress
         )
@@ -278,7 +291,7 @@ def design(
     rows = [
         (
             describe_run(plan.setting, plan.duration),
-            number(plan.predicted),
+            format_number(plan.predicted),
             *([format_information(plan)] if designed.sets else []),
         )
         for plan in designed.advice.plans[:5]
@@ -288,16 +301,18 @@ def design(
     print(f"report: {out / 'report.html'}")
 
 
-def _known(entry: Mapping[str, Any], unit: str) -> str:
+def _format_parameter(entry: Mapping[str, Any], unit: str) -> str:
     """A parameter of an effect with its 95 % interval, or one for each bob or gap."""
     if isinstance(entry["median"], Sequence):
         pairs = zip(entry["median"], entry["ci95"], strict=True)
-        return "[" + ", ".join(_known({"median": median, "ci95": ends}, unit) for median, ends in pairs) + "]"
-    median, interval, exponent = estimate(entry["median"], entry["ci95"])
+        return (
+            "[" + ", ".join(_format_parameter({"median": median, "ci95": ends}, unit) for median, ends in pairs) + "]"
+        )
+    median, interval, exponent = format_estimate(entry["median"], entry["ci95"])
     return f"{median} ({interval}) {unit_plain(unit, exponent)}".rstrip()
 
 
-@holds_out
+@locks_output
 def predict(
     folder: Path,
     out: Path,
@@ -309,14 +324,14 @@ def predict(
     workers: int | None,
 ) -> None:
     """Predicts σ(t) and λ from a calibration and writes them."""
-    file = _posterior_file(folder)
-    check_own(
+    file = _find_posterior(folder)
+    check_replaceable(
         out,
         (result_files.PREDICTION, *result_files.PREDICTION_FILES),
         result_files.PREDICTION,
         result_files.PREDICTION_FORMAT,
     )
-    with Progress() as progress:
+    with TerminalProgress() as progress:
         progress("load", None)
         posterior = dataclasses.replace(Posterior.load(file, workers), seed=seed)
         progress("predict", None, f"{draws} runs")
@@ -334,7 +349,7 @@ def predict(
     print(f"picture: {out / 'prediction.png'}")
 
 
-def _posterior_file(folder: Path) -> Path:
+def _find_posterior(folder: Path) -> Path:
     """The posterior of a calibration, by its folder or itself."""
     file = folder / "posterior.nc" if folder.is_dir() else folder
     if not file.is_file():
@@ -344,15 +359,15 @@ def _posterior_file(folder: Path) -> Path:
     return file
 
 
-@holds_out
+@locks_output
 def reproduce(
     out: Path, only: Sequence[str], values: int, calibration: Path | None, seed: int, workers: int | None
 ) -> None:
     """Makes the paper's figures and judges its claims."""
     from identification.reproduce.run import reproduce as run
 
-    source = None if calibration is None else _posterior_file(calibration)
-    with Progress() as progress:
+    source = None if calibration is None else _find_posterior(calibration)
+    with TerminalProgress() as progress:
         content = run(out, only, values=values, calibration=source, seed=seed, workers=workers, progress=progress)
     print_table(
         ("verdict", "figure", "claim"),
@@ -366,6 +381,6 @@ _COLUMNS = ("quantity", "median ± sd", "68 % interval", "95 % interval", "unit"
 
 def _row(name: str, found: Mapping[str, Any], unit: str) -> tuple[str, ...]:
     """A line of a table of results, rounded to its uncertainty."""
-    text = shown(found)
+    text = format_statistics(found)
     spread = f"{text['median']} ± {text['sd']}"
     return name, spread, text["ci68"], text["ci95"], unit_plain(unit, rounding_of(found).exponent)

@@ -106,19 +106,19 @@ def impacts(
 def _run(kind: str, out: Path, work: Callable[[Progress], Measurement]) -> None:
     """Measures and writes what was found, and shows it; holds the folder meanwhile."""
     from identification.apparatus.measurement_files import check_folder, save
-    from identification.number_format import rounding_of, shown, unit_plain
-    from identification.reporting.terminal import Progress, print_table
-    from identification.storage.lock import working_in
+    from identification.number_format import format_statistics, rounding_of, unit_plain
+    from identification.reporting.terminal import TerminalProgress, print_table
+    from identification.storage.lock import lock_folder
 
-    with working_in(out):
+    with lock_folder(out):
         check_folder(out, kind)
-        with Progress() as progress:
+        with TerminalProgress() as progress:
             measured = work(progress)
             progress("draw", None)
             content = save(measured, out)
     rows = []
     for name, entry in content["values"].items():
-        text = shown(entry)
+        text = format_statistics(entry)
         rows.append((name, f"{text['median']} ± {text['sd']}", text["ci95"],
                      unit_plain(entry["unit"], rounding_of(entry).exponent)))  # fmt: skip
     print_table(("value", "median ± sd", "95 % interval", "unit"), rows)

@@ -16,22 +16,22 @@ from cradle_env.cradle import Cradle
 from cradle_env.plot_style import png
 from cradle_env.release import Release
 from identification.inference.unknowns import matters
-from identification.number_format import number, unit_plain
+from identification.number_format import format_number, unit_plain
 from identification.reporting.result_files import cradle_values, release_values
-from identification.reporting.terminal import Progress, print_table
-from identification.storage.lock import holds_out
-from identification.storage.stamps import check_own, write_listed
+from identification.reporting.terminal import TerminalProgress, print_table
+from identification.storage.lock import locks_output
+from identification.storage.stamps import check_replaceable, write_results
 from identification.sweep import explore
 from identification.sweep.engine import sweep
-from identification.sweep.grid import Grid, describe
-from identification.sweep.picture import sweep_figure
+from identification.sweep.figure import sweep_figure
+from identification.sweep.grid import Grid, unit_and_symbol
 from identification.sweep.quantities import QUANTITIES
 from identification.sweep.store import FORMAT
-from identification.sweep.swept import Swept
+from identification.sweep.sweep_result import SweepResult
 from identification.sweep.tables import check_table
 
 #: A slip of the pen rather than an axis.
-_MOST = 10_000_000
+_MAX_VALUES = 10_000_000
 #: What a sweep is told by, and lists its files in; those beside its tables.
 _STAMP, _PICTURE, _PAGE = "sweep.json", "sweep.png", "explore.html"
 #: What the paper's groups set, of that which a cradle may ignore.
@@ -39,7 +39,7 @@ _SETS = {"beta": "kappa"}
 
 
 @dataclass(frozen=True)
-class Asked:
+class SweepRequest:
     """What a command line asks for: axes "name=values", quantities, times "values", a table's name, a page or not."""
 
     over: Sequence[str]
@@ -49,15 +49,15 @@ class Asked:
     explore: bool
 
 
-def axis(text: str) -> tuple[str, np.ndarray]:
+def parse_axis(text: str) -> tuple[str, np.ndarray]:
     """("beta", its values) of "beta=0.05:0.4:400", "k_f=1e3:1e5:50:log" or "bobs=2,3,5"."""
     name, equals, values = text.partition("=")
     if not equals:
         raise ValueError(f"--over {text}: expected NAME=VALUES, as beta=0.05:0.4:400 or bobs=2,3,5")
-    return name, numbers(f"--over {text}", values)
+    return name, parse_values(f"--over {text}", values)
 
 
-def numbers(at: str, text: str) -> np.ndarray:
+def parse_values(at: str, text: str) -> np.ndarray:
     """The values that "FIRST:LAST:COUNT", with ":log" in the end or without, or "2,3,5" stands for; at: where."""
     ranged = text.removesuffix(":log")
     try:
@@ -67,18 +67,18 @@ def numbers(at: str, text: str) -> np.ndarray:
         low, high, many = float(first), float(last), int(count)
     except ValueError:
         raise ValueError(f"{at}: expected FIRST:LAST:COUNT, FIRST:LAST:COUNT:log or numbers as 2,3,5") from None
-    if not 1 <= many <= _MOST:
-        raise ValueError(f"{at}: {many} values; the count must be from 1 to {_MOST}")
+    if not 1 <= many <= _MAX_VALUES:
+        raise ValueError(f"{at}: {many} values; the count must be from 1 to {_MAX_VALUES}")
     if ranged != text and not (low > 0.0 and high > 0.0):
         raise ValueError(f"{at}: a logarithmic axis goes from one positive number to another")
     return np.geomspace(low, high, many) if ranged != text else np.linspace(low, high, many)
 
 
-@holds_out
+@locks_output
 def run(
     cradle: Cradle,
     release: Release,
-    asked: Asked,
+    asked: SweepRequest,
     duration: float,
     sample_rate: float,
     out: Path,
@@ -89,33 +89,33 @@ def run(
     check_table(out / asked.table)
     if Path(asked.table).name != asked.table:
         raise ValueError(f"--table {asked.table}: expected a name alone; --out names the folder")
-    check_own(out, (_STAMP, asked.table, _PICTURE, *([_PAGE] if asked.explore else [])), _STAMP, FORMAT)
+    check_replaceable(out, (_STAMP, asked.table, _PICTURE, *([_PAGE] if asked.explore else [])), _STAMP, FORMAT)
     axes = _axes(asked)
     grid = Grid(axes, cradle, release)
-    for name in _idle(grid):
+    for name in _ignored_axes(grid):
         told = f"model {cradle.model}, {cradle.bobs} bob{'s' if cradle.bobs > 1 else ''}"
         print(f"cradle: {name} does not matter to this cradle ({told}); along it all runs are alike", file=sys.stderr)
-    times = None if asked.times is None else numbers(f"--times {asked.times}", asked.times)
+    times = None if asked.times is None else parse_values(f"--times {asked.times}", asked.times)
     if asked.explore:
         explore.check_size(grid, duration)
-    with Progress() as progress:
+    with TerminalProgress() as progress:
         progress("sweep", None, "the first run after installation compiles for some seconds")
         settings: dict[str, Any] = {"duration": duration, "sample_rate": sample_rate, "workers": workers}
         swept = sweep(grid, asked.quantities, times=times, out=out, progress=progress, **settings)
         files: dict[str, str | bytes | Path] = {_PICTURE: png(sweep_figure(swept))}
         if asked.explore:
-            tell = lambda _, fraction, text: progress("page", fraction, text)  # noqa: E731
-            files[_PAGE] = explore.explore_html(grid, out=out / "explore", progress=tell, **settings)
+            report = lambda _, fraction, text: progress("page", fraction, text)  # noqa: E731
+            files[_PAGE] = explore.explore_html(grid, out=out / "explore", progress=report, **settings)
         progress("write", None, asked.table)
         with TemporaryDirectory(dir=out) as scratch:
             files[asked.table] = swept.save(Path(scratch) / asked.table)
-            content = write_listed(out, files, _STAMP, _summary(swept, seed))
+            content = write_results(out, files, _STAMP, _summary(swept, seed))
     rows = []
     for name, found in content["quantities"].items():
         unit = unit_plain(QUANTITIES[name].unit)
         ends = [found[end] for end in _ENDS if found.get(end)]
         if ends:
-            told = (f"{number(end['value'], 4)} {unit} at {_place(end['at'])}" for end in ends)
+            told = (f"{format_number(end['value'], 4)} {unit} at {_format_point(end['at'])}" for end in ends)
             rows.append((QUANTITIES[name].symbol, *told))
         elif not QUANTITIES[name].series:
             rows.append((QUANTITIES[name].symbol, "–", "–"))
@@ -132,30 +132,30 @@ def run(
 _ENDS = ("least", "largest")
 
 
-def _axes(asked: Asked) -> Mapping[str, np.ndarray]:
+def _axes(asked: SweepRequest) -> Mapping[str, np.ndarray]:
     if not asked.over and asked.explore:
         return explore.AXES
     axes: dict[str, np.ndarray] = {}
     for text in asked.over:
-        name, values = axis(text)
+        name, values = parse_axis(text)
         if name in axes:
             raise ValueError(f"--over {name} is given twice; leave one out")
         axes[name] = values
     return axes
 
 
-def _idle(grid: Grid) -> list[str]:
+def _ignored_axes(grid: Grid) -> list[str]:
     """Names of what is swept though the cradle ignores it."""
     if "bobs" in grid.names:
         return []
     return [name for name in grid.names if not matters(grid.cradle, _SETS.get(name, name.partition("[")[0]))]
 
 
-def _place(at: dict[str, float]) -> str:
-    return ", ".join(f"{describe(name)[1]} = {value:.6g}" for name, value in at.items())
+def _format_point(at: dict[str, float]) -> str:
+    return ", ".join(f"{unit_and_symbol(name)[1]} = {value:.6g}" for name, value in at.items())
 
 
-def _summary(swept: Swept, seed: int) -> dict[str, Any]:
+def _summary(swept: SweepResult, seed: int) -> dict[str, Any]:
     """What `sweep.json` holds: what was swept, and of each quantity where it is least and largest."""
     plan = swept.plan
     quantities: dict[str, dict[str, Any]] = {}
@@ -178,13 +178,13 @@ def _summary(swept: Swept, seed: int) -> dict[str, Any]:
         "cradle": cradle_values(plan.grid.cradle),
         "release": release_values(plan.grid.release),
         "axes": {
-            axis.name: {
-                "unit": axis.described[0],
-                "first": axis.values[0],
-                "last": axis.values[-1],
-                "count": len(axis),
+            parse_axis.name: {
+                "unit": parse_axis.unit_and_symbol[0],
+                "first": parse_axis.values[0],
+                "last": parse_axis.values[-1],
+                "count": len(parse_axis),
             }
-            for axis in plan.grid.axes
+            for parse_axis in plan.grid.axes
         },
         "duration_s": plan.duration,
         "runs": len(plan.grid),

@@ -7,12 +7,12 @@ from dataclasses import dataclass, fields
 
 from cradle_env.errors import check_range
 from identification.inference import nonsmooth
-from identification.inference.fit_result import Fitted
+from identification.inference.fit_result import FitResult
 
 #: Training gap [noise] from which a model is misspecified: its residuals are systematic, so χ² and the evidence say
 #: little about which effect is missing, and predictions decide instead. The nonsmooth optimizer counts the same χ² per
 #: reading, the square of this, as far from a mode.
-MISSPECIFIED_GAP = math.sqrt(nonsmooth.FAR)
+MISSPECIFIED_GAP = math.sqrt(nonsmooth.MISSPECIFIED_CHI2_SCALE)
 
 
 @dataclass(frozen=True)
@@ -89,12 +89,12 @@ class Criteria:
 DEFAULT_CRITERIA = Criteria()
 
 
-def chi2_excess_sd(fitted: Fitted) -> float:
+def chi2_excess_sd(fitted: FitResult) -> float:
     """Excess of χ² over the number of readings R, in the standard deviation √(2R) that white noise gives it."""
     return (fitted.chi2 - fitted.count) / math.sqrt(2.0 * fitted.count)
 
 
-def only_noise(fitted: Fitted, criteria: Criteria) -> bool:
+def only_noise(fitted: FitResult, criteria: Criteria) -> bool:
     """Whether χ² on the training part is no larger than noise alone makes it.
 
     Searches use this quick test to stop. It differs on purpose from `ExaminedModel.significant`, which decides the
@@ -103,7 +103,7 @@ def only_noise(fitted: Fitted, criteria: Criteria) -> bool:
     return chi2_excess_sd(fitted) < criteria.noise_excess_sd
 
 
-def may_hold_faults(fitted: Fitted, criteria: Criteria) -> bool:
+def may_hold_faults(fitted: FitResult, criteria: Criteria) -> bool:
     """Whether χ² is so far above the number of readings that the data themselves are checked for faults."""
     return chi2_excess_sd(fitted) >= criteria.fault_excess_sd
 
@@ -113,10 +113,10 @@ def exceeds_allowed_gap(gap: float, allowed: float) -> bool:
     return gap > allowed
 
 
-def fails_prediction(fitted: Fitted) -> bool:
+def fails_prediction(fitted: FitResult) -> bool:
     """Whether a model that fits the training part fails on the held-out data.
 
     A misspecified model never counts: near no mode of its own, it has no predictive distribution to compare with.
     """
     near = fitted.training_gap() <= MISSPECIFIED_GAP
-    return near and exceeds_allowed_gap(fitted.held_out_gap(), fitted.allowed_gap)
+    return near and exceeds_allowed_gap(fitted.held_out_gap(), fitted.predictive_bound)

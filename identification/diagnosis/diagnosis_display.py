@@ -9,7 +9,7 @@ import numpy as np
 from cradle_env import display
 from cradle_env.effects import effect
 from identification.diagnosis.figures import comparison_figure, map_figure, window_tests
-from identification.number_format import ratio
+from identification.number_format import format_ratio
 
 if TYPE_CHECKING:
     import pandas
@@ -27,7 +27,7 @@ def line(diagnosis: Diagnosis) -> str:
     parts = [diagnosis.verdict, *diagnosis.effects]
     if diagnosis.equivalent:
         parts.append(f"one of {' | '.join(' + '.join(names) for names in diagnosis.equivalent)}")
-    gaps = f"held-out gap {ratio(diagnosis.gap_first)} → {ratio(diagnosis.gap_last)}"
+    gaps = f"held-out gap {format_ratio(diagnosis.gap_first)} → {format_ratio(diagnosis.gap_last)}"
     return display.summary_line("Diagnosis", parts, gaps)
 
 
@@ -43,7 +43,7 @@ def page(diagnosis: Diagnosis) -> str:
         declared, values = effect(step.effect), diagnosis.model.effects.get(step.effect, {})
         units = {parameter.key: parameter.unit for parameter in declared.parameters}
         known = (f"{key} = {display.value_text(value)} {units[key]}".rstrip() for key, value in values.items())
-        gaps = ratio(step.before.held_out_gap()), ratio(step.after.held_out_gap())
+        gaps = format_ratio(step.before.held_out_gap()), format_ratio(step.after.held_out_gap())
         rows.append((step.effect, ", ".join(known), f"{step.probability:.3f}", *gaps))
     first = diagnosis.repaired.examined[0]
     if window_tests(first):

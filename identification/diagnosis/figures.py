@@ -11,8 +11,8 @@ from identification.diagnosis.learned_law.law_shape import LawShape
 from identification.diagnosis.residuals.residual_tests import ResidualTest
 from identification.diagnosis.stepwise import ExaminedModel
 from identification.experiment.train_test import training_rows
-from identification.inference.fit_result import Fitted
-from identification.number_format import literal
+from identification.inference.fit_result import FitResult
+from identification.number_format import escape_mathtext
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -69,9 +69,8 @@ def map_figure(examined: ExaminedModel) -> Figure:
         axes.set_yticks(range(len(labels)), labels)
         axes.set_ylim(len(labels) - 0.5, -0.5)
         axes.set_xlabel("time [s]")
-        axes.set_title(
-            f"{literal(examined.fitted.experiment.runs[k].file)}: dots are above the largest in 95 % of replicates"
-        )
+        file = escape_mathtext(examined.fitted.experiment.runs[k].file)
+        axes.set_title(f"{file}: dots are above the largest in 95 % of replicates")
     if image is not None:
         figure.colorbar(
             image, ax=list(grid), label="−log$_{10}$ p of one test", extend="max", fraction=0.04, format="%.2g"
@@ -100,7 +99,7 @@ def energy_figure(diagnosis: Diagnosis) -> Figure:
             )  # fmt: skip
         axes.set_xlabel("time [s]")
         axes.set_ylabel("data − model:\nenergy [µJ]")
-        axes.set_title(literal(diagnosis.experiment.runs[run].file))
+        axes.set_title(escape_mathtext(diagnosis.experiment.runs[run].file))
         axes.legend()
         quiet_grid(axes)
     return figure
@@ -207,5 +206,5 @@ def _plot_residuals(axes: Axes, t: np.ndarray, residual: np.ndarray, colour: str
     quiet_grid(axes)
 
 
-def _predict(fitted: Fitted, index: int, rows: np.ndarray) -> np.ndarray:
+def _predict(fitted: FitResult, index: int, rows: np.ndarray) -> np.ndarray:
     return fitted.likelihood.predict(fitted.point, index, rows)[0]

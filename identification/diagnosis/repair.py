@@ -23,7 +23,7 @@ from identification.diagnosis.selection.model_comparison import (
 from identification.diagnosis.selection.search import Searcher
 from identification.diagnosis.selection.start_values import standing_in
 from identification.diagnosis.stepwise import SETTLED, Course, ExaminedModel, Step
-from identification.inference.fit_result import Fitted
+from identification.inference.fit_result import FitResult
 from identification.inference.impossible_model import ImpossibleModelError
 from identification.progress import Progress
 
@@ -55,7 +55,7 @@ class RepairResult:
 
 
 def repair(
-    fitted: Fitted, searcher: Searcher, seed: int, estimated: tuple[bool, ...], progress: Progress
+    fitted: FitResult, searcher: Searcher, seed: int, estimated: tuple[bool, ...], progress: Progress
 ) -> RepairResult:  # fmt: skip
     """Adds the most probable effect as long as the model leaves more than noise and an effect helps, and what the base
     model hides by a wrong mode; then tries what was added for removal, and for exchange against what was nearly as
@@ -173,7 +173,7 @@ def _without_the_needless(
             fit = searcher.fit_from_mode(searcher.fit_from_values(model, last.fitted.values), last.fitted)
         except ImpossibleModelError:
             continue
-        inflation, effective = last.fitted.coloured
+        inflation, effective = last.fitted.effective_sample
         fewer = len(last.fitted.point) - len(fit.point)
         if (fit.chi2 - last.fitted.chi2) / inflation < fewer * np.log(effective):
             last = course.examine(fit)
@@ -189,7 +189,7 @@ def _law_of(last: ExaminedModel, known: LearnedLaw | None, searcher: Searcher, p
     return known if known is not None and known.before is last.fitted else learn_law(last.fitted, searcher, progress)
 
 
-def _joined(kept: Sequence[Step], base: Fitted, last: Fitted, searcher: Searcher) -> list[Step]:
+def _joined(kept: Sequence[Step], base: FitResult, last: FitResult, searcher: Searcher) -> list[Step]:
     """The steps that remain, from the base model to the last one: what was removed is in none of them."""
     joined, after = [], last
     for step in reversed(kept):
@@ -213,7 +213,7 @@ def _exchanges(
     """Sets of effects that complete the other steps as well as those chosen, the chosen ones first; each effect once,
     as it did best. What is in the place of another may lead to a better mode of the model without either, which is
     looked for from there."""
-    inflation, effective = last.fitted.coloured
+    inflation, effective = last.fitted.effective_sample
     rivals: dict[tuple[str, str], tuple[Candidate, Candidate]] = {}
     for step in steps:
         others = _rivals(step, searcher.criteria)

@@ -21,10 +21,18 @@ from identification.diagnosis.figures import (
     window_tests,
 )
 from identification.diagnosis.residuals.residual_tests import describe_phase
-from identification.number_format import Rounding, estimate, markup, minus, number, ratio, unit_markup
+from identification.number_format import (
+    Rounding,
+    format_estimate,
+    format_number,
+    format_ratio,
+    markup,
+    typographic_minus,
+    unit_markup,
+)
 from identification.progress import Progress
-from identification.reporting.html_page import page
-from identification.storage.stamps import check_own, write_listed
+from identification.reporting.html_page import render_experiment
+from identification.storage.stamps import check_replaceable, write_results
 
 if TYPE_CHECKING:
     from identification.diagnosis.result import Diagnosis
@@ -42,7 +50,7 @@ _MAX_SHIFT_SD = 100.0
 
 def check_folder(folder: Path) -> None:
     """Raises ExperimentError if a folder holds files that a diagnosis would replace but did not write."""
-    check_own(folder, (_STAMP, *_FILES), _STAMP, FORMAT)
+    check_replaceable(folder, (_STAMP, *_FILES), _STAMP, FORMAT)
 
 
 def save(diagnosis: Diagnosis, folder: Path, progress: Progress | None = None) -> dict[str, Any]:
@@ -51,7 +59,7 @@ def save(diagnosis: Diagnosis, folder: Path, progress: Progress | None = None) -
     if progress:
         progress("draw", 0.0, "the report")
     texts = (render_report(diagnosis, content), diagnosis.model_toml())
-    return write_listed(folder, dict(zip(_FILES, texts, strict=True)), _STAMP, content)
+    return write_results(folder, dict(zip(_FILES, texts, strict=True)), _STAMP, content)
 
 
 def render_report(diagnosis: Diagnosis, content: Mapping[str, Any]) -> str:
@@ -66,7 +74,7 @@ def render_report(diagnosis: Diagnosis, content: Mapping[str, Any]) -> str:
     if diagnosis.shape is not None:
         pictures["law"] = law_figure(diagnosis.shape)
     named = [*diagnosis.effects, *(name for names in diagnosis.equivalent for name in names)]
-    return page(
+    return render_experiment(
         "diagnosis.html",
         "Diagnosis",
         diagnosis.experiment,
@@ -80,12 +88,16 @@ def render_report(diagnosis: Diagnosis, content: Mapping[str, Any]) -> str:
         base=_base_rows(diagnosis, diagnosis.base.values),
         last=_interval_rows(diagnosis),
         steps=[
-            {**step, "probability": _format_probability(step["probability"]), **{k: ratio(step[k]) for k in _GAPS}}
+            {
+                **step,
+                "probability": _format_probability(step["probability"]),
+                **{k: format_ratio(step[k]) for k in _GAPS},
+            }
             for step in content["steps"]
         ],
-        gaps={key: ratio(content[key]) for key in ("gap_first", "gap_last", "gap_allowed")},
+        gaps={key: format_ratio(content[key]) for key in ("gap_first", "gap_last", "gap_allowed")},
         scores=[
-            {**row, **{key: _format_number(row[key]) for key in _SCORES}, "gap": ratio(row["gap"])}
+            {**row, **{key: _format_number(row[key]) for key in _SCORES}, "gap": format_ratio(row["gap"])}
             for row in content["candidates"]
         ],
         plans=[] if advice is None or advice.separates_none else advice.plans[:_MAX_PLANS],
@@ -93,7 +105,7 @@ def render_report(diagnosis: Diagnosis, content: Mapping[str, Any]) -> str:
         released=diagnosis.experiment.runs[0].release is not None,
         pictures={name: base64.b64encode(png(figure)).decode() for name, figure in pictures.items()},
         model_toml=diagnosis.model_toml(),
-        number=number,
+        format_number=format_number,
         describe_phase=describe_phase,
         law=_law_context(content["remainder"]["law"]),
         detection_limits=_limits_context(diagnosis),
@@ -106,9 +118,9 @@ def _law_context(law: Mapping[str, Any] | None) -> dict[str, Any] | None:
         return None
     terms = []
     for term in law["terms"]:
-        median, interval, exponent = estimate(term["median"], term["ci95"])
+        median, interval, exponent = format_estimate(term["median"], term["ci95"])
         terms.append({**term, "median": median, "interval": interval, "unit": unit_markup(term["unit"], exponent)})
-    gaps = {key: ratio(value) for key, value in law.items() if "gap" in key}
+    gaps = {key: format_ratio(value) for key, value in law.items() if "gap" in key}
     return {**law, **gaps, "terms": terms, "energy": _energy_phrase(law["energy_taken"]["value"])}
 
 
@@ -136,7 +148,7 @@ def _limits_context(diagnosis: Diagnosis) -> dict[str, Any]:
 def _format_shift(sd: float) -> str:
     """A shift of an unknown, in its standard deviations."""
     most = f"{math.copysign(_MAX_SHIFT_SD, sd):+.0f} or more"
-    return minus(f"{sd:+.1f}" if abs(sd) < _MAX_SHIFT_SD else most)
+    return typographic_minus(f"{sd:+.1f}" if abs(sd) < _MAX_SHIFT_SD else most)
 
 
 def _energy_phrase(taken: float) -> str:
@@ -150,11 +162,12 @@ _GAPS = ("gap_before", "gap_after", "train_before", "train_after")
 def verdict_sentence(content: Mapping[str, Any]) -> str:
     """The verdict in words."""
     names = ", ".join(step["effect"] for step in content["steps"])
-    gaps = f"the held-out gap goes from {ratio(content['gap_first'])} to {ratio(content['gap_last'])}"
+    gaps = f"the held-out gap goes from {format_ratio(content['gap_first'])} to {format_ratio(content['gap_last'])}"
     remainder = content["remainder"]
     fails = (
-        f" But the held-out residual is {ratio(content['gap_last'])} × noise. A right model with these uncertainties"
-        f" stays below {ratio(content['gap_allowed'])} in 99 of 100 experiments, so something else is missing."
+        f" But the held-out residual is {format_ratio(content['gap_last'])} × noise. A right model with these"
+        f" uncertainties stays below {format_ratio(content['gap_allowed'])} in 99 of 100 experiments, so something"
+        " else is missing."
         if _fails_prediction(content)
         else ""
     )
@@ -164,7 +177,7 @@ def verdict_sentence(content: Mapping[str, Any]) -> str:
         else ""
     )
     if content["verdict"] == "nothing_missing":
-        return f"Nothing is missing: the residuals are noise (held-out gap {ratio(content['gap_last'])}).{fails}"
+        return f"Nothing is missing: the residuals are noise (held-out gap {format_ratio(content['gap_last'])}).{fails}"
     if content["verdict"] == "named":
         them = "it" if len(content["steps"]) == 1 else "them"
         return f"Missing from the model: {names}; with {them}, {gaps}.{rest}{fails}"
@@ -185,7 +198,7 @@ def _fails_prediction(content: Mapping[str, Any]) -> bool:
 
 
 def _format_number(value: float | None) -> str:
-    return "–" if value is None else "< 0.001" if 0.0 <= value < 1e-3 else number(value)
+    return "–" if value is None else "< 0.001" if 0.0 <= value < 1e-3 else format_number(value)
 
 
 def _format_probability(value: float) -> str:
@@ -208,6 +221,6 @@ def _interval_rows(diagnosis: Diagnosis) -> list[tuple[str, str, str, str, str]]
     for u in diagnosis.final.likelihood.unknowns:
         if not u.nuisance:
             own = diagnosis.parameters[u.name]
-            median, interval, exponent = estimate(own.median, own.ci95)
+            median, interval, exponent = format_estimate(own.median, own.ci95)
             rows.append((markup(u.symbol), u.name, median, interval, unit_markup(u.unit, exponent)))
     return rows

@@ -24,9 +24,9 @@ from identification.diagnosis.selection.search import PointCache, compute_uncach
 from identification.diagnosis.uncertainty.detection_limits import DetectionLimit, compute_detection_limits
 from identification.diagnosis.uncertainty.intervals import Interval, compute_intervals
 from identification.experiment.experiment import Experiment
-from identification.inference.fit_result import Fitted
+from identification.inference.fit_result import FitResult
 from identification.progress import Progress
-from identification.storage.files import write
+from identification.storage.files import write_file
 from identification.storage.toml_table import toml_key, toml_text
 
 if TYPE_CHECKING:
@@ -69,15 +69,15 @@ class Diagnosis:
 
     experiment: Experiment
     repaired: RepairResult
-    final: Fitted
+    final: FitResult
     advice: Advice | None
     seed: int
     warnings: tuple[str, ...] = ()
-    others: tuple[Fitted, ...] = ()
+    others: tuple[FitResult, ...] = ()
     cache: PointCache = compute_uncached
 
     @property
-    def base(self) -> Fitted:
+    def base(self) -> FitResult:
         """The fit of the base model: the one given, or with rigid strings."""
         return self.repaired.examined[0].fitted
 
@@ -93,7 +93,7 @@ class Diagnosis:
         return self.repaired.law
 
     @property
-    def last(self) -> Fitted:
+    def last(self) -> FitResult:
         """The fit of the repaired model, with its law, to the training part."""
         return self.repaired.last.fitted if self.law is None else self.law.fitted
 
@@ -142,7 +142,7 @@ class Diagnosis:
     @property
     def gap_allowed(self) -> float:
         """The held-out gap that a right model with these uncertainties stays below in 99 of 100 experiments."""
-        return self.last.allowed_gap
+        return self.last.predictive_bound
 
     @functools.cached_property
     def parameters(self) -> dict[str, Interval]:
@@ -208,7 +208,7 @@ class Diagnosis:
 
         >>> diagnosis.report("report.html")  # doctest: +SKIP
         """
-        return write(Path(path), render_report(self, self.content()))
+        return write_file(Path(path), render_report(self, self.content()))
 
     def __repr__(self) -> str:
         return diagnosis_display.line(self)

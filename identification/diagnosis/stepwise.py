@@ -27,7 +27,7 @@ from identification.diagnosis.selection.model_comparison import (
 )
 from identification.diagnosis.selection.score_test import ScoreTest, score
 from identification.diagnosis.selection.search import Searcher
-from identification.inference.fit_result import Fitted
+from identification.inference.fit_result import FitResult
 from identification.progress import Progress
 
 #: Replicates of each model.
@@ -46,7 +46,7 @@ _MODE = 0.05
 class ExaminedModel:
     """A model under scrutiny: its fit, where it fails, the scores of what may be missing, and p of both together."""
 
-    fitted: Fitted
+    fitted: FitResult
     residual_scan: ResidualScan
     score_test: ScoreTest
     p: float
@@ -64,8 +64,8 @@ class Step:
     one has steps of its own)."""
 
     effect: str
-    before: Fitted
-    after: Fitted
+    before: FitResult
+    after: FitResult
     probability: float
     decision: Decision | None
 
@@ -85,25 +85,25 @@ class Course:
     steps: list[Step] = field(default_factory=list)
     replaced: list[str] = field(default_factory=list)
     seen: set[frozenset[str]] = field(default_factory=set)
-    laws: dict[tuple[Fitted, Fitted], LearnedLaw | None] = field(default_factory=dict)
+    laws: dict[tuple[FitResult, FitResult], LearnedLaw | None] = field(default_factory=dict)
 
-    def law_beside(self, fitted: Fitted, rival: Fitted) -> LearnedLaw | None:
+    def law_beside(self, fitted: FitResult, rival: FitResult) -> LearnedLaw | None:
         """The law that a model lacks, unless it begins far worse than a rival; learned once."""
         if (fitted, rival) not in self.laws:
             self.laws[fitted, rival] = learn_law(fitted, self.searcher, self.tell, rival)
         return self.laws[fitted, rival]
 
-    def examine(self, fitted: Fitted) -> ExaminedModel:
+    def examine(self, fitted: FitResult) -> ExaminedModel:
         """A model under scrutiny, as all others of this course are."""
         return examine(fitted, self.seed, self.estimated, self.searcher.criteria)
 
-    def settle(self, fitted: Fitted) -> ExaminedModel:
+    def settle(self, fitted: FitResult) -> ExaminedModel:
         """Examines a model; where it leaves more than noise, first makes sure that no better mode explains that."""
         found = self.examine(fitted)
         if not found.significant:
             return found
         better = self.searcher.refit_multistart(fitted, self.tell)
-        return self.examine(better) if better.chi2 < fitted.chi2 - fitted.unit else found
+        return self.examine(better) if better.chi2 < fitted.chi2 - fitted.chi2_scale else found
 
     def look_elsewhere(self) -> bool:
         """Takes into a model that leaves no more than noise what it hides by a wrong mode, if that leaves no more than
@@ -160,7 +160,7 @@ class Course:
         self._replace(decision, self.back_to(base.fitted))
         return True
 
-    def back_to(self, fitted: Fitted) -> list[str]:
+    def back_to(self, fitted: FitResult) -> list[str]:
         """Takes back the steps beyond a model, with what was examined after it; returns the names."""
         withdrawn = []
         while self.examined[-1].fitted is not fitted:
@@ -170,7 +170,7 @@ class Course:
             self.examined.pop()
         return withdrawn
 
-    def _in_a_better_mode(self, which: int, other: Fitted, enough: float) -> bool:
+    def _in_a_better_mode(self, which: int, other: FitResult, enough: float) -> bool:
         """Examines a model again where it has a mode better by `enough` in χ² that another leads to; whether it has."""
         was = self.examined[which].fitted
         better = self.searcher.fit_from_mode(was, other)
@@ -186,9 +186,9 @@ class Course:
         """Decides again where the first effect led to a better mode than that it was chosen for, which others may lead
         to as well. (Where later ones do, it may be the model before that has the better mode: see `_one_for_two`.)"""
         was, last = self.decisions[-1], self.examined[-1].fitted
-        if len(self.examined) != 2 or was.chosen is None or was.chosen.fitted.chi2 - last.chi2 <= last.unit:
+        if len(self.examined) != 2 or was.chosen is None or was.chosen.fitted.chi2 - last.chi2 <= last.chi2_scale:
             return
-        self._in_a_better_mode(-2, last, last.unit)
+        self._in_a_better_mode(-2, last, last.chi2_scale)
         before = self.examined[-2]
         decision = again(before.fitted, was, before.score_test, self.searcher, self.tell)
         if decision.chosen is None:
@@ -209,8 +209,8 @@ class Course:
         if self.examined[-1].significant and len(self.examined) == 2:
             before, was, last = self.examined[-2], self.decisions[-1], self.examined[-1].fitted
 
-            def enough(fitted: Fitted) -> bool:  # χ² alone may call noise what is more
-                return only_noise(fitted, self.searcher.criteria) and fitted.chi2 < last.chi2 - last.unit
+            def enough(fitted: FitResult) -> bool:  # χ² alone may call noise what is more
+                return only_noise(fitted, self.searcher.criteria) and fitted.chi2 < last.chi2 - last.chi2_scale
 
             decision = from_anywhere(before.fitted, was, before.score_test, self.searcher, self.tell, enough)
             if was.chosen and decision.chosen and decision.chosen.candidate != was.chosen.candidate:
@@ -223,7 +223,7 @@ class Course:
         if len(self.examined) < 3 or self.examined[-1].significant:
             return
         last = self.examined[-1].fitted
-        self._in_a_better_mode(-3, last, last.unit)
+        self._in_a_better_mode(-3, last, last.chi2_scale)
         before = self.examined[-3]
         decision = beside(before.fitted, before.score_test, last, self.searcher, self.tell)
         more = len(last.point) - len(before.fitted.point)
@@ -269,12 +269,12 @@ class Course:
         self.steps[-1] = dataclasses.replace(self.steps[-1], after=self.examined[-1].fitted)
 
 
-def _effects(fitted: Fitted) -> frozenset[str]:
+def _effects(fitted: FitResult) -> frozenset[str]:
     return frozenset({*fitted.cradle.effects, *fitted.experiment.unknown_effect_parameters})
 
 
 def examine(
-    fitted: Fitted, seed: int, estimated: tuple[bool, ...], criteria: Criteria = DEFAULT_CRITERIA
+    fitted: FitResult, seed: int, estimated: tuple[bool, ...], criteria: Criteria = DEFAULT_CRITERIA
 ) -> ExaminedModel:
     """Locates and scores, against the same replicates; p of the lesser of the two p, by the replicates again."""
     replicates = fitted.replicates(_REPLICATES, np.random.default_rng(seed), estimated)

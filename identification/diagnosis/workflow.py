@@ -17,14 +17,14 @@ from identification.diagnosis.selection.candidates import EffectNames, matching_
 from identification.diagnosis.selection.rigid_strings import choose_base_model, describe_removed_effects
 from identification.diagnosis.selection.search import FitCache, Searcher
 from identification.experiment.experiment import Experiment
-from identification.inference.fit_result import Fitted, with_known_noise
+from identification.inference.fit_result import FitResult, with_known_noise
 from identification.inference.impossible_model import ImpossibleModelError
 from identification.inference.linear_algebra import on_one_thread
 from identification.progress import Progress
-from identification.storage.lock import holds_out
+from identification.storage.lock import locks_output
 
 
-@holds_out
+@locks_output
 @on_one_thread
 def diagnose(
     experiment: Experiment,
@@ -103,7 +103,7 @@ def diagnose(
 
 
 def _advise(
-    repaired: RepairResult, others: Mapping[EffectNames, Fitted], searcher: Searcher, seed: int, progress: Progress
+    repaired: RepairResult, others: Mapping[EffectNames, FitResult], searcher: Searcher, seed: int, progress: Progress
 ) -> Advice | None:  # fmt: skip
     """The run that separates equivalent sets; if there are none, the run that constrains λ.
 
@@ -118,7 +118,7 @@ def _advise(
     return advise(models, [tuple(c.name for c in repaired.alternatives[0]), *others], seed, progress, searcher.criteria)
 
 
-def _fit_equivalent_models(repaired: RepairResult, searcher: Searcher) -> dict[EffectNames, Fitted]:
+def _fit_equivalent_models(repaired: RepairResult, searcher: Searcher) -> dict[EffectNames, FitResult]:
     """Models with the sets that are equivalent to the chosen one, by their names, fitted to all data."""
     if not repaired.alternatives:
         return {}

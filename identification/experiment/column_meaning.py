@@ -60,23 +60,23 @@ class Meaning:
     odd_unit: str | None = None
 
 
-def unit_named(text: str) -> str | None:
+def find_unit(text: str) -> str | None:
     """The unit with this spelling; None if there is none.
 
-    >>> unit_named("(Degrees)")
+    >>> find_unit("(Degrees)")
     'deg'
     """
-    return _UNIT_OF.get(_plain(text).strip(" [](){}"))
+    return _UNIT_OF.get(_normalize(text).strip(" [](){}"))
 
 
-def parsed_unit(text: str) -> tuple[float, str] | None:
+def parse_unit(text: str) -> tuple[float, str] | None:
     """What a unit of the user's means: so many times a unit of `TABLE_UNITS`; None if it means none.
 
-    >>> parsed_unit("0.44 mm")  # such as the size of a pixel
+    >>> parse_unit("0.44 mm")  # such as the size of a pixel
     (0.44, 'mm')
     """
     match = re.fullmatch(r"\s*([\d.]+(?:[eE][-+]?\d+)?)?\s*(\D+)", text)
-    unit = unit_named(match[2]) if match else None
+    unit = find_unit(match[2]) if match else None
     try:
         factor = float(match[1] or 1.0) if match else 0.0
     except ValueError:
@@ -85,47 +85,47 @@ def parsed_unit(text: str) -> tuple[float, str] | None:
 
 
 def quantity_of(unit: str) -> str:
-    """The quantity of a unit that `parsed_unit` knows."""
-    return QUANTITY_OF[_parsed(unit)[1]]
+    """The quantity of a unit that `parse_unit` knows."""
+    return QUANTITY_OF[_require_unit(unit)[1]]
 
 
 def scale_of(unit: str) -> float:
-    """The SI value of a unit that `parsed_unit` knows."""
-    factor, name = _parsed(unit)
+    """The SI value of a unit that `parse_unit` knows."""
+    factor, name = _require_unit(unit)
     return factor * TABLE_UNITS[QUANTITY_OF[name]][name]
 
 
-def _parsed(unit: str) -> tuple[float, str]:
-    parsed = parsed_unit(unit)
+def _require_unit(unit: str) -> tuple[float, str]:
+    parsed = parse_unit(unit)
     if parsed is None:
         raise ValueError(f"{unit} is no unit")
     return parsed
 
 
-def meaning_of(label: str) -> Meaning | None:
+def parse_label(label: str) -> Meaning | None:
     """What a label means; None if it is neither of time nor of a bob, as far as its words tell.
 
     Every word must be known: "Angle 1 error" and "x velocity" are other things than angles and positions.
 
-    >>> meaning_of("Angle 1 (deg)")
+    >>> parse_label("Angle 1 (deg)")
     Meaning(quantity='theta', bob=1, unit='deg', odd_unit=None)
     """
-    return _meaning(*_parts(label))
+    return _interpret(*_split_label(label))
 
 
-def unit_of(label: str) -> Meaning:
+def parse_label_unit(label: str) -> Meaning:
     """What the unit of a label means, whatever its words say.
 
-    >>> unit_of("Left ball (deg)")
+    >>> parse_label_unit("Left ball (deg)")
     Meaning(quantity='theta', bob=None, unit='deg', odd_unit=None)
     """
-    _, unit, odd = _parts(label)
+    _, unit, odd = _split_label(label)
     return Meaning(QUANTITY_OF.get(unit or "", ""), None, unit, odd)
 
 
-def _parts(label: str) -> tuple[list[str], str | None, str | None]:
+def _split_label(label: str) -> tuple[list[str], str | None, str | None]:
     """Words and numbers of a label, its unit, and a unit that is not known."""
-    text, unit, odd = _RUN.sub(" ", _plain(label)), None, None
+    text, unit, odd = _RUN.sub(" ", _normalize(label)), None, None
     for inside in _BRACKETS.findall(text):
         if inside in _UNIT_OF:
             unit = _UNIT_OF[inside]
@@ -145,14 +145,14 @@ def _parts(label: str) -> tuple[list[str], str | None, str | None]:
 
 def same_label(a: str, b: str) -> bool:
     """Whether two labels differ at most in case, spaces and compatibility characters."""
-    return "".join(_plain(a).split()) == "".join(_plain(b).split())
+    return "".join(_normalize(a).split()) == "".join(_normalize(b).split())
 
 
-def _plain(text: str) -> str:
+def _normalize(text: str) -> str:
     return unicodedata.normalize("NFKC", text.translate(_DEGREES)).casefold().strip()
 
 
-def _meaning(tokens: list[str], unit: str | None, odd: str | None) -> Meaning | None:
+def _interpret(tokens: list[str], unit: str | None, odd: str | None) -> Meaning | None:
     numbers = [int(token) for token in tokens if token.isdecimal()]
     words = [token for token in tokens if not token.isdecimal() and token not in _FILLERS]
     if len(numbers) > 1 or any(number > 10**6 for number in numbers):

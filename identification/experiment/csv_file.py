@@ -16,10 +16,10 @@ from identification.experiment.recording import (
     UNITS,
     Recording,
     check_ascending,
-    delimiter_of,
+    find_delimiter,
     is_content,
     read_rows,
-    split,
+    split_header,
 )
 from identification.experiment.tracker_file import is_tracker, read_tracker
 from identification.storage.files import ExperimentError, read_text
@@ -44,10 +44,10 @@ def _read_csv(name: str, lines: list[str], bobs: int | None, data: bytes) -> Rec
     top = next((i for i, line in enumerate(lines) if is_content(line)), None)
     if top is None:
         raise ExperimentError(f"{name}, line 1: empty; it needs a header line such as t [s],theta_1 [rad] and rows")
-    delimiter = delimiter_of(lines[top])
-    labels = split(lines[top], delimiter)
+    delimiter = find_delimiter(lines[top])
+    labels = split_header(lines[top], delimiter)
     at = f"{name}, line {top + 1}"
-    columns = [_column(at, label, bobs) for label in labels]
+    columns = [_parse_label(at, label, bobs) for label in labels]
     _check_columns(at, labels, columns)
     clock = next(i for i, (kind, *_) in enumerate(columns) if kind == "t")
     numbers, rows = read_rows(name, lines, range(top + 1, len(lines)), labels, delimiter)
@@ -64,7 +64,7 @@ def _read_csv(name: str, lines: list[str], bobs: int | None, data: bytes) -> Rec
     return Recording(name, times, readings, quantity, unit, scale, tuple(names), lines_of, False, data)
 
 
-def _column(at: str, label: str, bobs: int | None) -> tuple[str, int, float, str]:
+def _parse_label(at: str, label: str, bobs: int | None) -> tuple[str, int, float, str]:
     """(quantity, bob, SI value of the unit, unit) of a column by its label in the header; bob 0 for time."""
     match = _LABEL.fullmatch(label)
     if match is None:

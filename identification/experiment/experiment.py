@@ -17,8 +17,8 @@ from cradle_env.release import Release
 from identification.experiment.csv_file import csv_text, parse_recording, read_recording
 from identification.experiment.experiment_file import FILE_NAME, experiment_text, read_experiment
 from identification.experiment.recording import Recording
-from identification.experiment.run import Prior, ReleaseInfo, Run, check_prior, checked_run
-from identification.storage.files import ExperimentError, beside, read_text, write_together
+from identification.experiment.run import Prior, ReleaseInfo, Run, check_prior, check_run
+from identification.storage.files import ExperimentError, read_text, resolve_beside, write_together
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,7 +42,7 @@ class Experiment:
     def __post_init__(self) -> None:
         if not self.runs:
             raise ValueError("an experiment needs at least one run")
-        object.__setattr__(self, "runs", tuple(checked_run(self.cradle, run) for run in self.runs))
+        object.__setattr__(self, "runs", tuple(check_run(self.cradle, run) for run in self.runs))
         for name, prior in self.infer.items():
             check_prior(self.cradle, name, prior)
         deltas = {run.delta for run in self.runs}
@@ -64,7 +64,7 @@ class Experiment:
         """Its experiment.toml, as it was read or would be saved."""
         return self.texts()[FILE_NAME]
 
-    def read_from(self, digest: str, text: str | None = None) -> Experiment:
+    def with_source(self, digest: str, text: str | None = None) -> Experiment:
         """This experiment, as read from files of that digest, and with that text; what `dataclasses.replace` makes of
         it has its own."""
         vars(self)["digest"] = digest
@@ -120,7 +120,7 @@ class Experiment:
     ) -> Experiment:
         name = FILE_NAME if path is None else path.name
         cradle, runs, infer, unknown, recorded = read_experiment(text, name, recording_of)
-        return cls(cradle, runs, infer, unknown, path).read_from(_digest(data, *recorded), text)
+        return cls(cradle, runs, infer, unknown, path).with_source(_digest(data, *recorded), text)
 
     def save(self, directory: str | Path) -> Path:
         """Writes experiment.toml and its data into a folder, in SI units; the path of experiment.toml."""
@@ -142,7 +142,7 @@ class Experiment:
 
 
 def _in_folder(folder: Path) -> Callable[[str, int], Recording]:
-    return lambda file, bobs: read_recording(beside(folder, file), bobs)
+    return lambda file, bobs: read_recording(resolve_beside(folder, file), bobs)
 
 
 def _digest(*files: bytes) -> str:

@@ -13,7 +13,7 @@ from cradle_env.cradle import Cradle
 from cradle_env.effects import MODELS, effect
 from cradle_env.release import Release
 from identification.experiment.recording import Recording
-from identification.experiment.run import Prior, ReleaseInfo, Run, check_prior, checked_noise, checked_run
+from identification.experiment.run import Prior, ReleaseInfo, Run, check_noise, check_prior, check_run
 from identification.storage.files import ExperimentError
 from identification.storage.toml_table import Table, toml_key, toml_text
 
@@ -35,7 +35,7 @@ def read_experiment(
     raises ValueError for what it may not name.
     """
     top = Table.parse(name, text)
-    top.only(("format", "cradle", "model", "run", "infer"), "table")
+    top.allow_only(("format", "cradle", "model", "run", "infer"), "table")
     top.string("format", (FORMAT,))
     known = top.table("cradle") if "cradle" in top else Table(name, text, {})
     bobs = known.whole("bobs") if "bobs" in known else Cradle.bobs
@@ -45,7 +45,7 @@ def read_experiment(
     recordings: dict[str, Recording] = {}
     runs = []
     for table in top.tables("run"):
-        table.only(_RUN_KEYS)
+        table.allow_only(_RUN_KEYS)
         file = table.string("file")
         if file not in recordings:
             with table.entry("file"):
@@ -62,7 +62,7 @@ def _read_model(table: Table, bobs: int) -> tuple[dict[str, Any], tuple[str, ...
 
     An effect whose parameters are stated belongs to the model, whether `effects` lists it or not.
     """
-    table.only(("base", "effects", "parameters"))
+    table.allow_only(("base", "effects", "parameters"))
     base = table.string("base", tuple(MODELS)) if "base" in table else "nsp"
     names = table.strings("effects") if "effects" in table else []
     stated = table.table("parameters") if "parameters" in table else Table(table.name, table.text, {})
@@ -81,7 +81,7 @@ def _read_model(table: Table, bobs: int) -> tuple[dict[str, Any], tuple[str, ...
         values = {}
         if name in stated:
             given = stated.table(name)
-            given.only([p.key for p in declared.parameters], f"parameter of {name}")
+            given.allow_only([p.key for p in declared.parameters], f"parameter of {name}")
             values = {key: given.number_or_numbers(key) for key in given.values}
         missing = [] if name.startswith("-") else [p for p in declared.parameters if p.key not in values]
         starts = {p.key: 0.0 if p.each else p.scale for p in missing}
@@ -95,7 +95,7 @@ def _read_cradle(table: Table, model: dict[str, Any]) -> Cradle:
     for key in ("model", "base", "effects"):
         if key in table:
             raise table.refuse("belongs under [model], as base or effects; move it there", key)
-    table.only(_CRADLE_KEYS)
+    table.allow_only(_CRADLE_KEYS)
     values: dict[str, Any] = {}
     for key in table.values:
         if key == "bobs":
@@ -119,7 +119,7 @@ def _read_priors(table: Table, cradle: Cradle) -> dict[str, Prior]:
         else:
             entries = {key: table.table(key, _PRIOR)}
         for name, entry in entries.items():
-            entry.only(_PRIOR_KEYS)
+            entry.allow_only(_PRIOR_KEYS)
             with table.entry(*entry.address[len(table.address) :]):
                 priors[name] = Prior(**{k: entry.number(k) for k in entry.values})
                 check_prior(cradle, name, priors[name])
@@ -135,7 +135,7 @@ def _read_run(table: Table, file: str, recording: Recording, cradle: Cradle) -> 
         values["delta"] = table.number_or_numbers("delta")
     if "noise" in table:
         with table.entry("noise"):
-            noise = checked_noise(table.number("noise"), recording.unit, recording.scale)
+            noise = check_noise(table.number("noise"), recording.unit, recording.scale)
             values["noise"] = noise * recording.scale
     for key, choices in (("state", ("release", "free")), ("rest", ("known", "free"))):
         if key in table:
@@ -160,11 +160,11 @@ def _read_run(table: Table, file: str, recording: Recording, cradle: Cradle) -> 
             lines=recording.lines,
             **values,
         )
-        return checked_run(cradle, run)
+        return check_run(cradle, run)
 
 
 def _read_release(table: Table) -> ReleaseInfo:
-    table.only(_RELEASE_KEYS)
+    table.allow_only(_RELEASE_KEYS)
     values: dict[str, Any] = {}
     if "bobs" in table:
         if "angles" in table:

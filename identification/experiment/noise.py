@@ -20,10 +20,10 @@ _CORRELATED = 3.0
 
 def noise_of(run: Run) -> float:
     """Standard deviation of one reading [rad or m]: the stated one, or else the estimate."""
-    return estimated_noise(run) if run.noise is None else run.noise
+    return estimate_noise(run) if run.noise is None else run.noise
 
 
-def gap_of_noise(
+def noise_gap_bound(
     runs: Sequence[Run], rows: Sequence[np.ndarray], inflations: Sequence[float] | None = None
 ) -> float:  # fmt: skip
     """The RMS over the noise that noise alone passes once in a hundred times, in these rows (T,) of each run; 1 where
@@ -37,7 +37,7 @@ def gap_of_noise(
     return math.sqrt(chi2.isf(0.01, count) / count)
 
 
-def estimated_noise(run: Run) -> float:
+def estimate_noise(run: Run) -> float:
     """Standard deviation from differences of successive readings, which take out any smooth motion: third ones, and
     higher ones as long as these leave less.
 
@@ -54,7 +54,7 @@ def _scatter(times: np.ndarray, column: np.ndarray) -> float:
     """That of one bob (T,); 0 where nothing can be said. A difference over a gap is not one of successive readings."""
     seen = np.isfinite(column)
     least, readings = 0.0, column[seen]
-    apart = _apart(times[seen])
+    apart = _interrupted(times[seen])
     for order in _ORDERS:
         if len(apart) < order + _FEWEST:
             break
@@ -68,13 +68,13 @@ def _scatter(times: np.ndarray, column: np.ndarray) -> float:
     return least
 
 
-def _apart(times: np.ndarray) -> np.ndarray:
+def _interrupted(times: np.ndarray) -> np.ndarray:
     """Whether there is a gap between successive times (T,), (T − 1,)."""
     spacing = np.diff(times)
     return np.abs(spacing - np.median(spacing)) > _UNEVEN * np.median(spacing) if len(spacing) else spacing > 0.0
 
 
-def correlation(series: Sequence[tuple[np.ndarray, np.ndarray]]) -> float:
+def estimate_correlation(series: Sequence[tuple[np.ndarray, np.ndarray]]) -> float:
     """ρ of the noise of successive readings, by the times (T,) and residuals (T,) of each bob of a run; 0 where they
     look white.
 
@@ -83,7 +83,7 @@ def correlation(series: Sequence[tuple[np.ndarray, np.ndarray]]) -> float:
     """
     products, squares, pairs = 0.0, 0.0, 0
     for times, residuals in series:
-        steps, apart = np.diff(residuals), _apart(times)
+        steps, apart = np.diff(residuals), _interrupted(times)
         both = ~(apart[:-1] | apart[1:])
         first, second = steps[:-1][both], steps[1:][both]
         products += float(first @ second)
@@ -94,7 +94,7 @@ def correlation(series: Sequence[tuple[np.ndarray, np.ndarray]]) -> float:
     return rho if pairs >= _FEWEST and _CORRELATED * math.sqrt(2.0 / pairs) < rho < 1.0 else 0.0
 
 
-def inflation(rho: float) -> float:
+def chi2_inflation(rho: float) -> float:
     """By how much noise that keeps ρ of itself from one reading to the next hides more of slow motion than white noise
     of its size does, as χ²: (1 + ρ)/(1 − ρ)."""
     return (1.0 + rho) / (1.0 - rho)

@@ -12,7 +12,7 @@ import numpy as np
 from cradle_env.cradle import Cradle
 from identification.experiment.column_meaning import TABLE_UNITS, scale_of
 from identification.experiment.recording import Recording
-from identification.experiment.table_columns import Columns, named
+from identification.experiment.table_columns import Columns, quote_labels
 from identification.storage.files import ExperimentError
 
 #: Periods [s] of cradles, of strings from 2.5 mm to 100 m.
@@ -38,7 +38,7 @@ _PASSED = 4.0
 
 
 @dataclass(frozen=True)
-class Stated:
+class StatedUnits:
     """The units that a file states, of its times and of its readings; None: none."""
 
     time: str | None
@@ -80,7 +80,7 @@ def pendulum_length(period: float) -> float:
     return Cradle.gravity * (period / (2.0 * math.pi)) ** 2
 
 
-def settled(recording: Recording, stated: Stated, columns: Columns) -> tuple[Recording, list[str]]:
+def resolve_units(recording: Recording, stated: StatedUnits, columns: Columns) -> tuple[Recording, list[str]]:
     """The recording in the units and from the origin that its readings tell, and what was changed, in words.
 
     recording: in SI units, by `stated`, or by the default units where nothing is stated. A unit that nobody states is
@@ -89,21 +89,21 @@ def settled(recording: Recording, stated: Stated, columns: Columns) -> tuple[Rec
 
     Raises ExperimentError if a unit is wrong and it is for the user to say which is right.
     """
-    recording, told = _with_likely_time(recording, stated, columns)
+    recording, told = _resolve_time_unit(recording, stated, columns)
     if recording.times[0] > _CLOCK:
         told.append(f"times are counted from the first row, {recording.times[0]:.6f} s")
         recording = dataclasses.replace(recording, times=recording.times - recording.times[0])
     period = swing_period(recording)
-    if period is not None and not recording.absolute and _away(recording):
+    if period is not None and not recording.absolute and _off_centre(recording):
         recording = dataclasses.replace(recording, absolute=True)
         told.append("readings are not counted from where the bobs rest: the median of each is taken for its rest")
-    recording, of_size = _with_likely_readings(recording, stated, columns, period)
+    recording, of_size = _resolve_reading_unit(recording, stated, columns, period)
     if period is not None:
         told.append(f"a swing takes {period:.3g} s: that of a pendulum of {pendulum_length(period):.2g} m")
     return recording, [*of_size, *told]
 
 
-def seems_mirrored(recording: Recording) -> bool:
+def is_mirrored(recording: Recording) -> bool:
     """Whether bobs seem to pass each other, and would not if all signs were turned."""
     moved = recording.displacements()
     columns = [column for column in moved.T if not np.isnan(column).all()]
@@ -123,7 +123,7 @@ def _widths(moved: np.ndarray) -> np.ndarray:
     return np.where(seen.any(axis=0), high - low, np.nan)
 
 
-def _away(recording: Recording) -> bool:
+def _off_centre(recording: Recording) -> bool:
     widest = np.nanmax(_widths(recording.readings))
     return any(
         np.nanmin(column) > _AWAY * widest or np.nanmax(column) < -_AWAY * widest
@@ -132,7 +132,7 @@ def _away(recording: Recording) -> bool:
     )
 
 
-def _with_likely_time(recording: Recording, stated: Stated, columns: Columns) -> tuple[Recording, list[str]]:
+def _resolve_time_unit(recording: Recording, stated: StatedUnits, columns: Columns) -> tuple[Recording, list[str]]:
     period = swing_period(recording)
     if period is None or _SHORTEST <= period <= _LONGEST or columns.time_unit or columns.rate:
         return recording, []
@@ -152,8 +152,8 @@ def _with_likely_time(recording: Recording, stated: Stated, columns: Columns) ->
     return dataclasses.replace(recording, times=times), [f"times are read in {unit}: {swing}"]
 
 
-def _with_likely_readings(
-    recording: Recording, stated: Stated, columns: Columns, period: float | None
+def _resolve_reading_unit(
+    recording: Recording, stated: StatedUnits, columns: Columns, period: float | None
 ) -> tuple[Recording, list[str]]:
     moved = np.abs(np.nan_to_num(recording.displacements()))
     row, bob = map(int, np.unravel_index(np.argmax(moved), moved.shape))
@@ -180,6 +180,6 @@ def _with_likely_readings(
     if fit and quantity == "x":
         remedy += ', or of pixels their size, as --unit "0.44 mm"'
     raise ExperimentError(
-        f"{recording.name}, line {recording.lines[row, bob]}, column {named([recording.labels[bob]])}:"
+        f"{recording.name}, line {recording.lines[row, bob]}, column {quote_labels([recording.labels[bob]])}:"
         f" {in_file:.6g} {now} is beyond {limit}; {remedy}"
     )

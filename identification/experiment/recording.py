@@ -52,12 +52,12 @@ def is_content(line: str) -> bool:
     return bool(line.strip(' \t,;"')) and not line.lstrip().startswith("#")
 
 
-def delimiter_of(header: str) -> str:
+def find_delimiter(header: str) -> str:
     """The delimiter of a file by its header line: tab, semicolon or comma."""
     return next((d for d in "\t;" if d in header), ",")
 
 
-def split(line: str, delimiter: str) -> list[str]:
+def split_header(line: str, delimiter: str) -> list[str]:
     """The fields of a header line, without quotes and the empty ones at its end."""
     return [field.strip(' \t"') for field in line.rstrip(" " + delimiter).split(delimiter)]
 
@@ -79,13 +79,13 @@ def read_rows(
             line = line.replace(",", ".")
         fields = line.split(delimiter)
         if len(fields) != width:
-            fields = _fitted(f"{name}, line {i + 1}", fields, labels, ragged)
+            fields = _fit_width(f"{name}, line {i + 1}", fields, labels, ragged)
         try:
             if "_" in line:  # Python reads 1_5 as 15
                 raise ValueError
             numbers.append([float(field) if field else math.nan for field in fields])
         except ValueError:
-            numbers.append([*_numbers(f"{name}, line {i + 1}", fields, labels)])
+            numbers.append([*_parse_numbers(f"{name}, line {i + 1}", fields, labels)])
         rows.append(i + 1)
     table = np.array(numbers, dtype=float).reshape(-1, width)
     infinite = np.argwhere(np.isinf(table))
@@ -99,7 +99,7 @@ def read_rows(
     return table, np.array(rows)
 
 
-def _fitted(at: str, fields: list[str], labels: Sequence[str], ragged: bool) -> list[str]:
+def _fit_width(at: str, fields: list[str], labels: Sequence[str], ragged: bool) -> list[str]:
     """A row with as many fields as there are columns, if it only lacks or exceeds by empty ones."""
     width = len(labels)
     if len(fields) > width and not any(field.strip() for field in fields[width:]):
@@ -113,7 +113,7 @@ def _fitted(at: str, fields: list[str], labels: Sequence[str], ragged: bool) -> 
     )
 
 
-def _numbers(at: str, fields: list[str], labels: Sequence[str]) -> Iterator[float]:
+def _parse_numbers(at: str, fields: list[str], labels: Sequence[str]) -> Iterator[float]:
     for field, label in zip(fields, labels, strict=True):
         field = field.strip(' \t"')
         try:

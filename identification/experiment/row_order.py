@@ -12,7 +12,7 @@ from identification.storage.files import ExperimentError
 _PART = 8
 
 
-def ordered(
+def sort_rows(
     name: str, times: np.ndarray, readings: np.ndarray, rows: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[str]]:
     """Rows sorted by time (T,) [s], those of one instant as one; and what was done, in words.
@@ -34,7 +34,7 @@ def ordered(
         times, readings, rows = times[order], readings[order], rows[order]
     first = np.flatnonzero(np.r_[True, times[1:] > times[:-1]])
     if len(first) < len(times):
-        readings = _joined(name, times, readings, rows, first)
+        readings = _join_rows(name, times, readings, rows, first)
         repeated = np.setdiff1d(np.arange(len(times)), first)
         what = f"{len(repeated)} row{'s' if len(repeated) > 1 else ''}"
         done.append(f"dropped {what} of an instant that another row has: line {rows[repeated].min()} is the first")
@@ -60,7 +60,7 @@ def _check_one_recording(name: str, times: np.ndarray, rows: np.ndarray, starts:
         latest = part
 
 
-def _joined(name: str, times: np.ndarray, readings: np.ndarray, rows: np.ndarray, first: np.ndarray) -> np.ndarray:
+def _join_rows(name: str, times: np.ndarray, readings: np.ndarray, rows: np.ndarray, first: np.ndarray) -> np.ndarray:
     """The readings of each instant, from all of its rows; `first`: where an instant begins."""
     low, high = (f.reduceat(readings, first, axis=0) for f in (np.fmin, np.fmax))
     differ = np.argwhere(low < high)

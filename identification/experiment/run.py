@@ -51,7 +51,7 @@ class Prior:
         return self.low + inset, self.high - inset
 
 
-def checked_noise(noise: float, unit: str, scale: float = 1.0) -> float:
+def check_noise(noise: float, unit: str, scale: float = 1.0) -> float:
     """1 sigma of a reading [unit], of which one is `scale` rad or m; ValueError for less than simulations resolve."""
     remedy = "state the scatter of a single reading, or leave noise out to have it inferred"
     return check_range("noise", noise, unit, _LEAST_NOISE / scale, remedy=remedy)
@@ -116,7 +116,7 @@ class Run:
                 ' add release = { bobs = 1, angle = ... }, or write state = "free"'
             )
         if self.noise is not None:
-            object.__setattr__(self, "noise", checked_noise(self.noise, "rad" if self.quantity == "theta" else "m"))
+            object.__setattr__(self, "noise", check_noise(self.noise, "rad" if self.quantity == "theta" else "m"))
         self._check_window()
 
     def _check_arrays(self) -> None:
@@ -196,7 +196,7 @@ INFERABLE = (
 )
 
 
-def checked_run(cradle: Cradle, run: Run) -> Run:
+def check_run(cradle: Cradle, run: Run) -> Run:
     """The run with its δ, if it fits the cradle and can begin as stated; ValueError otherwise."""
     if run.readings.shape[1] != cradle.bobs:
         raise ValueError(f"readings of {run.readings.shape[1]} bobs; the cradle has {cradle.bobs} bobs")

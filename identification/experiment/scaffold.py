@@ -13,10 +13,10 @@ from cradle_env.cradle import Cradle
 from identification.experiment.csv_file import csv_text
 from identification.experiment.experiment import Experiment
 from identification.experiment.experiment_file import FILE_NAME, FORMAT
-from identification.experiment.plausibility import pendulum_length, seems_mirrored, swing_period
+from identification.experiment.plausibility import is_mirrored, pendulum_length, swing_period
 from identification.experiment.recording import Recording
 from identification.experiment.table_columns import Columns
-from identification.experiment.table_reader import mirrored, read_table
+from identification.experiment.table_reader import mirror_signs, read_table
 from identification.experiment.text_encoding import decode
 from identification.storage.files import ExperimentError, write_together
 from identification.storage.lock import check_folder
@@ -68,12 +68,12 @@ def scaffold(
         raise ExperimentError(f"{data_csv.name!r}: this name cannot be written into a file; rename the data")
     for line in (*table.understood, *(["the signs of all readings are turned (--mirror)"] if mirror else [])):
         report(line)
-    recording = mirrored(table.recording) if mirror else table.recording
+    recording = mirror_signs(table.recording) if mirror else table.recording
     strict = table.strict and not mirror
     text, name, data = _files(recording, data_csv, strict, table.understood)
     _check_experiment(data_csv, recording, text, name, data, mirror)
     target = path.parent / name
-    same = _may_write(target, data, overwrite)
+    same = _check_target(target, data, overwrite)
     write_together(path.parent, {**({} if same else {name: data}), path.name: text})
     if not strict:
         report(f"wrote {target}: the same data in the strict form; {data_csv.name} stays as it is")
@@ -90,7 +90,7 @@ def _files(recording: Recording, data_csv: Path, strict: bool, understood: Seque
     return scaffold_text(recording, name), name, csv.encode()
 
 
-def _may_write(target: Path, data: bytes, overwrite: bool) -> bool:
+def _check_target(target: Path, data: bytes, overwrite: bool) -> bool:
     """Whether a file holds these data already; refuses to write over any other, but for one that was written here."""
     if not target.exists():
         return False
@@ -102,7 +102,7 @@ def _may_write(target: Path, data: bytes, overwrite: bool) -> bool:
 
 def _check_experiment(data_csv: Path, recording: Recording, text: str, name: str, data: bytes, mirror: bool) -> None:
     """Refuses what would not load; signs that are the other way round with the option that turns them."""
-    turned = mirrored(recording)
+    turned = mirror_signs(recording)
     turned_csv = csv_text(turned.times, turned.displacements(), turned.quantity)
     remedy = "leave out --mirror" if mirror else "add --mirror, which turns all signs"
     other_way = ExperimentError(
@@ -118,7 +118,7 @@ def _check_experiment(data_csv: Path, recording: Recording, text: str, name: str
             what = str(problem).partition(": run[1]: ")[2]
             raise ExperimentError(f"{data_csv}: {what}") if what else problem from None
         raise other_way from None
-    if seems_mirrored(recording) and not seems_mirrored(turned):
+    if is_mirrored(recording) and not is_mirrored(turned):
         raise other_way
 
 
@@ -128,8 +128,8 @@ def scaffold_text(recording: Recording, file: str) -> str:
     default = Cradle(bobs=bobs)
     moved = recording.displacements()
     widest = float(np.max(np.abs(moved), initial=0.0, where=~np.isnan(moved)))
-    length, length_sd, known_by = _guessed_length(recording, widest, default.length)
-    lifted, before = _lifted(recording, moved, widest), recording.times < -_NOW
+    length, length_sd, known_by = _guess_length(recording, widest, default.length)
+    lifted, before = _find_lifted_bobs(recording, moved, widest), recording.times < -_NOW
     if lifted and before.any():  # what follows is of the motion
         recording, moved = dataclasses.replace(
             recording, times=recording.times[~before], readings=recording.readings[~before],
@@ -142,7 +142,7 @@ def scaffold_text(recording: Recording, file: str) -> str:
     if steepest > math.pi:
         angles = {}
     base = "nsp" if bobs > 1 and steepest <= 1.5 else "pendulum"
-    held = _held(recording, moved, lifted) if steepest <= 1.5 else None
+    held = _find_release(recording, moved, lifted) if steepest <= 1.5 else None
     rest = "free" if recording.absolute else "known"
     unit = recording.unit
     first = max(0.0, recording.times[0]) if angles else recording.times[0]
@@ -169,7 +169,7 @@ def scaffold_text(recording: Recording, file: str) -> str:
         "",
         "[[run]]",
         f"file = {toml_text(file)}",
-        *_release_lines(angles, bobs, *_angle_sd(recording, lifted, length, length_sd), held),
+        *_release_lines(angles, bobs, *_angle_uncertainty(recording, lifted, length, length_sd), held),
         "delta = 0.0  # gap between pivots over the diameter of a bob, less 1: 0 where bobs just touch at rest",
         f"# noise = {0.001 / recording.scale:.3g}  # {unit}, 1 sigma of one reading; inferred where omitted",
         fit_from,
@@ -185,7 +185,7 @@ def scaffold_text(recording: Recording, file: str) -> str:
     return "\n".join(lines)
 
 
-def _guessed_length(recording: Recording, widest: float, default: float) -> tuple[float, float, str]:
+def _guess_length(recording: Recording, widest: float, default: float) -> tuple[float, float, str]:
     """A length [m], the part of it by which it may be off, and what tells it: the period, if a swing is seen."""
     period = swing_period(recording)
     if period is not None:
@@ -197,7 +197,7 @@ def _guessed_length(recording: Recording, widest: float, default: float) -> tupl
     return max(default, math.ceil(150.0 * widest) / 100.0 if recording.quantity == "x" else 0.0), _LENGTH_SD, ""
 
 
-def _lifted(recording: Recording, moved: np.ndarray, widest: float) -> dict[int, float]:
+def _find_lifted_bobs(recording: Recording, moved: np.ndarray, widest: float) -> dict[int, float]:
     """{bob: first reading} of those at rest far out when the run begins, at t = 0, and held there before; empty if it
     was not seen to begin."""
     since = int(np.searchsorted(recording.times, -_NOW))
@@ -216,7 +216,7 @@ def _lifted(recording: Recording, moved: np.ndarray, widest: float) -> dict[int,
     return lifted if np.max(gone, initial=0.0, where=~np.isnan(gone)) < _STILL else {}
 
 
-def _held(recording: Recording, moved: np.ndarray, lifted: Iterable[int]) -> tuple[float, float] | None:
+def _find_release(recording: Recording, moved: np.ndarray, lifted: Iterable[int]) -> tuple[float, float] | None:
     """When bobs that are held at first begin to move, and the first row in which they all do [s]; None if they are let
     go at once, or not at all. The time scale is that of the fall itself: the length is a guess."""
     found = []
@@ -236,7 +236,9 @@ def _held(recording: Recording, moved: np.ndarray, lifted: Iterable[int]) -> tup
     return max(found, default=None)
 
 
-def _angle_sd(recording: Recording, lifted: Mapping[int, float], length: float, length_sd: float) -> tuple[float, str]:
+def _angle_uncertainty(
+    recording: Recording, lifted: Mapping[int, float], length: float, length_sd: float
+) -> tuple[float, str]:
     """How well the release angle is known [rad], and what to tell of it."""
     if recording.quantity != "x" or not lifted:
         return _ANGLE_SD, "from the first rows; check"

@@ -12,11 +12,11 @@ from identification.experiment.column_meaning import (
     QUANTITY_OF,
     TABLE_UNITS,
     Meaning,
-    meaning_of,
-    parsed_unit,
+    parse_label,
+    parse_label_unit,
+    parse_unit,
     quantity_of,
     same_label,
-    unit_of,
 )
 from identification.storage.files import ExperimentError
 
@@ -42,7 +42,7 @@ class Columns:
 
     def __post_init__(self) -> None:
         for unit in self.units:
-            if parsed_unit(unit) is None:
+            if parse_unit(unit) is None:
                 raise ValueError(unknown_key("unit", unit, QUANTITY_OF))
         if len(self.units) > 1 and len({quantity_of(unit) == "t" for unit in self.units}) < len(self.units):
             raise ValueError(f"units are {' and '.join(self.units)}; give one of time and one of the readings")
@@ -69,7 +69,7 @@ class Columns:
 
 
 @dataclass(frozen=True)
-class Assigned:
+class ColumnAssignment:
     """The columns that are read, by their place in a row.
 
     clock: that of the time, and clock_unit, None where none is stated, "frame" where it counts frames; bobs:
@@ -84,17 +84,17 @@ class Assigned:
     notes: tuple[str, ...]
 
 
-def assign(at: str, labels: Sequence[str], units: Sequence[str | None], columns: Columns) -> Assigned:
+def assign_columns(at: str, labels: Sequence[str], units: Sequence[str | None], columns: Columns) -> ColumnAssignment:
     """The columns of a table with these labels, and units in a row below them; `at` begins messages.
 
     Raises ExperimentError if none is of time or of a bob, or if two could be.
     """
-    meanings = [_with_unit(meaning_of(label), unit) for label, unit in zip(labels, units, strict=True)]
-    bare = [_with_unit(unit_of(label), unit) for label, unit in zip(labels, units, strict=True)]
-    clock, clock_unit = _clock(at, labels, meanings, bare, columns)
-    found, quantity, notes = _bobs(at, labels, meanings, bare, clock, columns)
+    meanings = [_with_unit(parse_label(label), unit) for label, unit in zip(labels, units, strict=True)]
+    bare = [_with_unit(parse_label_unit(label), unit) for label, unit in zip(labels, units, strict=True)]
+    clock, clock_unit = _find_time(at, labels, meanings, bare, columns)
+    found, quantity, notes = _find_bobs(at, labels, meanings, bare, clock, columns)
     used = {clock, *(place for place, _ in found.values())}
-    return Assigned(
+    return ColumnAssignment(
         clock, clock_unit, found, quantity, tuple(i for i in range(len(labels)) if i not in used), tuple(notes)
     )
 
@@ -109,7 +109,7 @@ def _with_unit(meaning: Meaning | None, unit: str | None) -> Meaning | None:
     return dataclasses.replace(meaning, odd_unit=unit)
 
 
-def place_of(at: str, labels: Sequence[str], name: str) -> int:
+def find_column(at: str, labels: Sequence[str], name: str) -> int:
     """The place of the column that the user names; ExperimentError if there is none, or more than one."""
     places = [i for i, label in enumerate(labels) if label == name] or [
         i for i, label in enumerate(labels) if same_label(label, name)
@@ -121,14 +121,14 @@ def place_of(at: str, labels: Sequence[str], name: str) -> int:
     return places[0]
 
 
-def named(labels: Sequence[str]) -> str:
+def quote_labels(labels: Sequence[str]) -> str:
     """Labels as a message shows them."""
     shown = [f'"{one_line(label)[1:-1]}"' for label in labels if label]
     more = f" and {len(shown) - _NAMED} more" if len(shown) > _NAMED else ""
     return ", ".join(shown[:_NAMED]) + more
 
 
-def _clock(
+def _find_time(
     at: str,
     labels: Sequence[str],
     meanings: Sequence[Meaning | None],
@@ -136,7 +136,7 @@ def _clock(
     columns: Columns,
 ) -> tuple[int, str | None]:
     if columns.time is not None:
-        place = place_of(at, labels, columns.time)
+        place = find_column(at, labels, columns.time)
         if columns.rate is not None:
             return place, "frame"
         meaning = meanings[place] or bare[place]
@@ -144,36 +144,38 @@ def _clock(
     by_kind = {kind: [i for i, m in enumerate(meanings) if m and m.quantity == kind] for kind in ("t", "frame")}
     if columns.rate is not None:
         if not by_kind["frame"]:
-            raise ExperimentError(f'{at}: no column of frames among {named(labels)}; say which it is: --time "NAME"')
+            raise ExperimentError(
+                f'{at}: no column of frames among {quote_labels(labels)}; say which it is: --time "NAME"'
+            )
         return by_kind["frame"][0], "frame"
     times = by_kind["t"]
     if not times and by_kind["frame"]:
-        frames = named([labels[by_kind["frame"][0]]])
+        frames = quote_labels([labels[by_kind["frame"][0]]])
         raise ExperimentError(f"{at}: no column of time, only {frames}; add --rate FRAMES_PER_SECOND")
     if not times:
         none_of, names = "of time", '--time "NAME"'
         if not columns.bobs and not any(m and m.quantity not in by_kind for m in meanings):
             none_of, names = "of time or of a bob", '--time "NAME" --bob 1="NAME" --bob 2="NAME"'
-        raise ExperimentError(f"{at}: no column {none_of} among {named(labels)}; say which it is: {names}")
+        raise ExperimentError(f"{at}: no column {none_of} among {quote_labels(labels)}; say which it is: {names}")
     if len(times) > 1:
-        both = named([labels[i] for i in times])
+        both = quote_labels([labels[i] for i in times])
         raise ExperimentError(f'{at}: {both} are columns of time; say which to read: --time "NAME"')
     meaning = meanings[times[0]]
     assert meaning is not None
     if meaning.odd_unit is not None and columns.time_unit is None:
-        raise ExperimentError(_odd(at, labels[times[0]], meaning.odd_unit, ("t",)))
+        raise ExperimentError(_unknown_unit(at, labels[times[0]], meaning.odd_unit, ("t",)))
     return times[0], columns.time_unit or meaning.unit
 
 
-def _odd(at: str, label: str, unit: str, quantities: Sequence[str]) -> str:
+def _unknown_unit(at: str, label: str, unit: str, quantities: Sequence[str]) -> str:
     known = [known for quantity in quantities for known in TABLE_UNITS[quantity]]
     remedy = f"say it: --unit {' or '.join(known)}"
     if unit in ("px", "pixel", "pixels"):
         remedy = 'say how large one is, as --unit "0.44 mm"'
-    return f"{at}, column {named([label])}: unknown unit {one_line(unit)}; {remedy}"
+    return f"{at}, column {quote_labels([label])}: unknown unit {one_line(unit)}; {remedy}"
 
 
-def _bobs(
+def _find_bobs(
     at: str,
     labels: Sequence[str],
     meanings: Sequence[Meaning | None],
@@ -185,7 +187,7 @@ def _bobs(
     stated = columns.reading_unit
     places: dict[int, int] = {}
     if columns.bobs:
-        places = {bob: place_of(at, labels, name) for bob, name in columns.bobs.items()}
+        places = {bob: find_column(at, labels, name) for bob, name in columns.bobs.items()}
         if len({clock, *places.values()}) <= len(places):
             raise ExperimentError(f"{at}: a column is named twice among --time and --bob; name each once")
         chosen = [dataclasses.replace(meanings[i] or bare[i] or Meaning(""), bob=bob) for bob, i in places.items()]
@@ -196,64 +198,64 @@ def _bobs(
             candidates = [(i, m) for i, m in candidates if m.quantity]
     if not candidates:
         raise ExperimentError(
-            f'{at}: no column of a bob among {named(labels)}; say which they are: --bob 1="NAME" --bob 2="NAME"'
+            f'{at}: no column of a bob among {quote_labels(labels)}; say which they are: --bob 1="NAME" --bob 2="NAME"'
         )
-    quantity = quantity_of(stated) if stated else _quantity(at, labels, candidates)
+    quantity = quantity_of(stated) if stated else _choose_quantity(at, labels, candidates)
     others = [i for i, m in candidates if m.quantity not in ("", quantity)]
     if columns.bobs and others and not stated:
         raise ExperimentError(
-            f"{at}: {named([labels[i] for i in places.values()])} mix angles and displacements; keep to either"
+            f"{at}: {quote_labels([labels[i] for i in places.values()])} mix angles and displacements; keep to either"
         )
     if not columns.bobs:
         candidates = [(i, m) for i, m in candidates if i not in others]
     if not candidates:
-        raise ExperimentError(f"{at}: no column of a bob in {stated} among {named(labels)}; give another --unit")
-    candidates, notes = _numbered(at, labels, candidates)
+        raise ExperimentError(f"{at}: no column of a bob in {stated} among {quote_labels(labels)}; give another --unit")
+    candidates, notes = _number_bobs(at, labels, candidates)
     found: dict[int, tuple[int, str | None]] = {}
     usable = {m.bob for _, m in candidates if stated or m.odd_unit is None}
     for i, m in candidates:
         assert m.bob is not None
         if stated is None and m.odd_unit is not None:
             if m.bob not in usable:
-                raise ExperimentError(_odd(at, labels[i], m.odd_unit, (quantity,)))
+                raise ExperimentError(_unknown_unit(at, labels[i], m.odd_unit, (quantity,)))
             continue
         if m.bob in found:
-            both = named([labels[found[m.bob][0]], labels[i]])
+            both = quote_labels([labels[found[m.bob][0]], labels[i]])
             raise ExperimentError(f'{at}: {both} are both of bob {m.bob}; say which to read: --bob {m.bob}="NAME"')
         if not 1 <= m.bob <= _MOST_BOBS:
             raise ExperimentError(
-                f"{at}, column {named([labels[i]])}: there is no bob {m.bob}; bobs are numbered from 1 to {_MOST_BOBS};"
-                ' say which it is: --bob 1="NAME"'
+                f"{at}, column {quote_labels([labels[i]])}: there is no bob {m.bob}; bobs are numbered from 1 to"
+                f' {_MOST_BOBS}; say which it is: --bob 1="NAME"'
             )
         found[m.bob] = i, stated or m.unit
     units = {unit for _, unit in found.values() if unit}
     without = [labels[i] for i, unit in found.values() if unit is None]
     if len(units) > 1 and without:
         raise ExperimentError(
-            f"{at}: {named(without)} without a unit, and others in {' and in '.join(sorted(units))}; add it"
+            f"{at}: {quote_labels(without)} without a unit, and others in {' and in '.join(sorted(units))}; add it"
         )
     return {bob: (i, unit or next(iter(units), None)) for bob, (i, unit) in found.items()}, quantity, notes
 
 
-def _quantity(at: str, labels: Sequence[str], candidates: Sequence[tuple[int, Meaning]]) -> str:
+def _choose_quantity(at: str, labels: Sequence[str], candidates: Sequence[tuple[int, Meaning]]) -> str:
     """Angles or displacements, whichever more bobs have; angles if as many have both."""
     count = Counter(m.quantity for _, m in candidates)
     if not count["theta"] and not count["x"]:
         raise ExperimentError(
-            f"{at}, column {named([labels[candidates[0][0]]])}: angle or displacement? say its unit:"
+            f"{at}, column {quote_labels([labels[candidates[0][0]]])}: angle or displacement? say its unit:"
             " --unit deg, rad, mm, cm or m"
         )
     return "theta" if count["theta"] >= count["x"] else "x"
 
 
-def _numbered(
+def _number_bobs(
     at: str, labels: Sequence[str], candidates: list[tuple[int, Meaning]]
 ) -> tuple[list[tuple[int, Meaning]], list[str]]:
     """Candidates with a number each, from 1."""
     bare = [i for i, m in candidates if m.bob is None]
     if len(bare) > 1 or (bare and len(candidates) > 1):
         raise ExperimentError(
-            f"{at}: {named([labels[i] for i in bare])} {'do' if len(bare) > 1 else 'does'} not say of which bob;"
+            f"{at}: {quote_labels([labels[i] for i in bare])} {'do' if len(bare) > 1 else 'does'} not say of which bob;"
             ' say it: --bob 1="NAME" --bob 2="NAME"'
         )
     shift = int(any(m.bob == 0 for _, m in candidates))

@@ -21,10 +21,10 @@ from identification.experiment.recording import (
     UNITS,
     Recording,
     check_ascending,
-    delimiter_of,
+    find_delimiter,
     is_content,
     read_rows,
-    split,
+    split_header,
 )
 from identification.storage.files import ExperimentError
 
@@ -35,7 +35,7 @@ def is_tracker(lines: Sequence[str]) -> bool:
     """Whether these are the lines of a Tracker export: a name line before that of the columns."""
     top = [line for line in lines[:50] if is_content(line)][:2]
     return any(line.startswith("#multi") for line in lines[:5]) or (
-        len(top) == 2 and _kind(split(top[0], delimiter_of(top[0]))[0]) != "t" and _is_header(top[1])
+        len(top) == 2 and _kind(split_header(top[0], find_delimiter(top[0]))[0]) != "t" and _is_header(top[1])
     )
 
 
@@ -79,7 +79,7 @@ def _kind(label: str) -> str:
 
 
 def _is_header(line: str) -> bool:
-    kinds = [_kind(label) for label in split(line, delimiter_of(line))]
+    kinds = [_kind(label) for label in split_header(line, find_delimiter(line))]
     return kinds[0] == "t" and "x" in kinds
 
 
@@ -87,8 +87,8 @@ def _tracks(
     name: str, lines: list[str], names: str, top: int, end: int
 ) -> list[tuple[str, str, np.ndarray, np.ndarray, np.ndarray]]:
     """(mass, unit, times [s], x [m], lines) of each mass in one table; a mass may have its own column t."""
-    delimiter = delimiter_of(lines[top])
-    labels, masses = split(lines[top], delimiter), split(names, delimiter)
+    delimiter = find_delimiter(lines[top])
+    labels, masses = split_header(lines[top], delimiter), split_header(names, delimiter)
     table, rows = read_rows(name, lines, range(top + 1, end), labels, delimiter, ragged=True)
     tracks, clock = [], 0
     for i, label in enumerate(labels):

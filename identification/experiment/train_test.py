@@ -20,14 +20,14 @@ def training_rows(experiment: Experiment) -> tuple[list[np.ndarray], list[np.nda
     if len(runs) > 1 and runs[-1].state == "release" and runs[-1].rest == "known":
         train = [run.fitted for run in runs[:-1]] + [np.zeros_like(runs[-1].fitted)]
         return train, [np.zeros_like(run.fitted) for run in runs[:-1]] + [runs[-1].fitted]
-    ends = [_two_thirds(run) for run in runs]
+    ends = [_end_of_training(run) for run in runs]
     return (
         [run.fitted & (run.times <= end) for run, end in zip(runs, ends, strict=True)],
         [run.fitted & (run.times > end) for run, end in zip(runs, ends, strict=True)],
     )
 
 
-def _two_thirds(run: Run) -> float:
+def _end_of_training(run: Run) -> float:
     """The time [s] at which two thirds of what may be fitted of a run are over."""
     seen = run.times[run.fitted]
     return float(seen[0] + 2.0 / 3.0 * (seen[-1] - seen[0]))

@@ -18,14 +18,14 @@ _SEEN, _DECAYED = 2.0, 20.0
 
 def check_unit(run: Run, cradle: Cradle) -> None:
     """Refuses (ValueError) angles that no bob reaches, or that are far from the stated release."""
-    angles = np.abs(angles_read(run, cradle))
+    angles = np.abs(angles_from_rest(run, cradle))
     row, bob = map(int, np.unravel_index(np.nanargmax(angles), angles.shape))
     largest = float(angles[row, bob])
     limit, bobs = (0.5 * math.pi, "a bob on strings") if cradle.has("radial_elasticity") else (math.pi, "a pendulum")
     if run.quantity == "theta" and largest > limit:
         raise ValueError(
-            f"{run.file}, {run.place(row, bob)}, bob {bob + 1}: {_shown(largest, run)} is more than {bobs} swings"
-            f" to, {_shown(limit, run)}; {_remedy(run, largest, 0.0, limit)}"
+            f"{run.file}, {run.place(row, bob)}, bob {bob + 1}: {_format_angle(largest, run)} is more than {bobs}"
+            f" swings to, {_format_angle(limit, run)}; {_remedy(run, largest, 0.0, limit)}"
         )
     if run.release is None:
         return
@@ -42,12 +42,12 @@ def check_unit(run: Run, cradle: Cradle) -> None:
         found = float(angles[seen & first if early else seen, bob].max())
         if not stated / factor <= found <= stated * factor:
             raise ValueError(
-                f"{run.file}, bob {bob + 1}: it swings to {_shown(found, run)}, and its release is stated as"
+                f"{run.file}, bob {bob + 1}: it swings to {_format_angle(found, run)}, and its release is stated as"
                 f" {stated:.4g} rad; {_remedy(run, found, 0.5 * stated, 2.0 * stated)}"
             )
 
 
-def swings_read(run: Run, rows: np.ndarray) -> np.ndarray:
+def readings_from_rest(run: Run, rows: np.ndarray) -> np.ndarray:
     """Readings (T, N) from where each bob rests, as far as these rows (T,) tell; nan elsewhere."""
     seen = np.where(rows[:, None], run.readings, np.nan)
     if run.rest == "free":
@@ -56,12 +56,12 @@ def swings_read(run: Run, rows: np.ndarray) -> np.ndarray:
     return seen
 
 
-def angles_read(run: Run, cradle: Cradle) -> np.ndarray:
-    """`swings_read` of all readings that are used, as angles (T, N) [rad]."""
-    return dataclasses.replace(run, readings=swings_read(run, run.fitted | run.held_out)).angles(cradle)
+def angles_from_rest(run: Run, cradle: Cradle) -> np.ndarray:
+    """`readings_from_rest` of all readings that are used, as angles (T, N) [rad]."""
+    return dataclasses.replace(run, readings=readings_from_rest(run, run.fitted | run.held_out)).angles(cradle)
 
 
-def _shown(angle: float, run: Run) -> str:
+def _format_angle(angle: float, run: Run) -> str:
     """An angle as it stands in the file, or, of displacements, as it is."""
     return f"{angle / run.scale:.4g} {run.unit}" if run.quantity == "theta" else f"{angle:.4g} rad"
 

@@ -15,22 +15,22 @@ from identification.experiment.train_test import training_rows
 from identification.experiment.unit_check import check_unit
 from identification.inference.checkpoint import Chains, Checkpoint
 from identification.inference.gap import Gap
-from identification.inference.impact_order_noise import learned
-from identification.inference.laplace import mode_at
-from identification.inference.least_squares import SEVERAL, jacobian
+from identification.inference.impact_order_noise import estimate_impact_order_noise
+from identification.inference.laplace import laplace_approximation
+from identification.inference.least_squares import MIN_BOBS_WITH_IMPACT_ORDER, difference_jacobian
 from identification.inference.likelihood import Likelihood
 from identification.inference.linear_algebra import on_one_thread
 from identification.inference.mcmc import sample
 from identification.inference.mode_search import find_mode, refit
 from identification.inference.noise_model import rms
-from identification.inference.nonsmooth import broad_jacobian
+from identification.inference.nonsmooth import wide_difference_jacobian
 from identification.inference.posterior import Posterior
-from identification.inference.predictive_check import allowed_gap
+from identification.inference.predictive_check import predictive_bound
 from identification.progress import Progress
-from identification.storage.lock import holds_out
+from identification.storage.lock import locks_output
 
 
-@holds_out
+@locks_output
 @on_one_thread
 def calibrate(
     experiment: Experiment,
@@ -50,9 +50,9 @@ def calibrate(
     where omitted, but at most max_steps. An unconverged posterior is returned as such (`convergence`). Raises
     ValueError for what cannot be calibrated.
     """
-    tell = progress or (lambda *_: None)
-    max_steps = _checked_steps("max_steps", max_steps)
-    steps = None if steps is None else _checked_steps("steps", steps)
+    report = progress or (lambda *_: None)
+    max_steps = _check_steps("max_steps", max_steps)
+    steps = None if steps is None else _check_steps("steps", steps)
     likelihood = Likelihood(experiment, workers=workers, parameters=parameters)
     if not likelihood.unknowns:
         raise ValueError("nothing is left to be inferred; name a parameter, or give what is uncertain a prior")
@@ -63,23 +63,23 @@ def calibrate(
         folder.mkdir(parents=True, exist_ok=True)
         checkpoint = Checkpoint(folder / "chain.h5", likelihood, seed)
         if not checkpoint.exists():
-            weighted, mode = find_mode(likelihood, seed, tell)
-            tell("search", 0.95, "how the readings jump about the mode")
-            known, mode = learned(weighted, mode)
+            weighted, mode = find_mode(likelihood, seed, report)
+            report("search", 0.95, "how the readings jump about the mode")
+            known, mode = estimate_impact_order_noise(weighted, mode)
             inflations = weighted.noise_inflations(mode.point)
             wider = dataclasses.replace(mode, covariance=max(inflations) * mode.covariance)
             checkpoint.begin(wider, known.noise_model.impact_order, inflations)
         likelihood = likelihood.with_noise(checkpoint.noise_model())
-        verdict = sample(likelihood, checkpoint, steps=steps, max_steps=max_steps, progress=tell)
+        verdict = sample(likelihood, checkpoint, steps=steps, max_steps=max_steps, progress=report)
         chains = checkpoint.read()
     kept = Chains(*(array[:, verdict.burn_in :] for array in dataclasses.astuple(chains)))
-    rates = kept.newton_exponent if likelihood.lambda_rides_along else None
+    rates = kept.newton_exponent if likelihood.gives_lambda else None
     posterior = Posterior(likelihood, kept.chain, kept.log_density, rates, verdict, Gap(np.nan, np.nan), seed)
-    tell("gap", 0.0, "fit to the training part")
+    report("gap", 0.0, "fit to the training part")
     return dataclasses.replace(posterior, gap=measure_gap(posterior))
 
 
-def _checked_steps(name: str, steps: float) -> int:
+def _check_steps(name: str, steps: float) -> int:
     return int(check_range(name, steps, "", 50, remedy="fewer tell nothing about convergence"))
 
 
@@ -110,10 +110,16 @@ def measure_gap(posterior: Posterior) -> Gap:
     by_bob = {part: _rms_by_bob(rows) for part, rows in raw.items() if rows}
     ratio = {part: rms(np.concatenate(rows)) if rows else np.nan for part, rows in scaled.items()}
     residuals = likelihood.residuals(point)
-    several = full.experiment.cradle.bobs >= SEVERAL
-    J = broad_jacobian(likelihood, point, residuals) if several else jacobian(likelihood, point, residuals)
+    several = full.experiment.cradle.bobs >= MIN_BOBS_WITH_IMPACT_ORDER
+    J = (
+        wide_difference_jacobian(likelihood, point, residuals)
+        if several
+        else difference_jacobian(likelihood, point, residuals)
+    )
     inflation = max(full.noise_model.inflations)
-    allowed = allowed_gap(likelihood, unseen, point, inflation * mode_at(likelihood, point, J).covariance, J, inflation)
+    allowed = predictive_bound(
+        likelihood, unseen, point, inflation * laplace_approximation(likelihood, point, J).covariance, J, inflation
+    )
     return Gap(ratio["train"], ratio["held_out"], by_bob, allowed)
 
 

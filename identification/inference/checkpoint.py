@@ -14,12 +14,12 @@ import h5py
 import numpy as np
 
 from cradle_env import hdf5_files
-from identification.inference.laplace import Mode, well_conditioned
+from identification.inference.laplace import Mode, regularize_covariance
 from identification.inference.likelihood import Likelihood
 from identification.inference.noise_model import ImpactOrderNoise, NoiseModel
-from identification.storage.files import ExperimentError, write
-from identification.storage.provenance import program
-from identification.storage.schema import check
+from identification.storage.files import ExperimentError, write_file
+from identification.storage.provenance import program_hash
+from identification.storage.schema import check_schema
 
 ENSEMBLES = 2
 _REMEDY = "it is not a chain that can be resumed; remove it, or choose another --out"
@@ -48,7 +48,7 @@ class Checkpoint:
         """Whether there are chains of this very inference to go on with; ExperimentError if of another."""
         if not self.path.exists():
             return False
-        known = self._checked()
+        known = self._read_attributes()
         if known["inputs"] != self.likelihood.experiment.digest or known["names"] != self.likelihood.names:
             raise ExperimentError(
                 f"{self.path}: holds chains of other data or unknowns; choose another --out, or remove the file"
@@ -58,19 +58,19 @@ class Checkpoint:
                 f"{self.path}: holds chains of seed {known['seed']}, not {self.seed}; give that one, choose another "
                 "--out, or remove the file"
             )
-        if known.get("program") != program(self.likelihood.experiment.cradle.composition):
+        if known.get("program") != program_hash(self.likelihood.experiment.cradle.composition):
             raise ExperimentError(
                 f"{self.path}: holds chains by another version of the program, or of an effect from outside it;"
                 " go on with that one, choose another --out, or remove the file"
             )
         return True
 
-    def _checked(self) -> dict[str, Any]:
+    def _read_attributes(self) -> dict[str, Any]:
         """What the file says of itself; ExperimentError, naming the field, if it is not whole."""
         try:
             with hdf5_files.opened(self.path) as file:
                 known = hdf5_files.attributes(file)
-                check(known, "chain", self.path, _REMEDY)
+                check_schema(known, "chain", self.path, _REMEDY)
                 # Those of another experiment have other shapes, and are refused as such.
                 if known["names"] == self.likelihood.names and known["inputs"] == self.likelihood.experiment.digest:
                     self._check_arrays(file, len(known["inflations"]))
@@ -79,7 +79,7 @@ class Checkpoint:
         return known
 
     def _check_arrays(self, file: Any, runs: int) -> None:
-        D, W = len(self.likelihood.unknowns), walkers_for(self.likelihood)
+        D, W = len(self.likelihood.unknowns), walker_count(self.likelihood)
         modes, jumps = hdf5_files.group(file, "modes"), hdf5_files.group(file, "jumps")
         if "0" not in modes or not all(name.isdigit() for name in modes):
             raise hdf5_files.UnreadableError(f"{self.path}: modes must be numbered by steps, from 0 on")
@@ -101,7 +101,7 @@ class Checkpoint:
                 continue
             ensemble = hdf5_files.group(file, name)
             known = hdf5_files.attributes(ensemble)
-            check(known, "chain-ensemble", f"{self.path}: {name}", _REMEDY)
+            check_schema(known, "chain-ensemble", f"{self.path}: {name}", _REMEDY)
             if known["iteration"]:
                 if known.get("has_blobs") is not True:
                     raise hdf5_files.UnreadableError(f"{self.path}: {name}.has_blobs is not true: λ is missing")
@@ -114,10 +114,10 @@ class Checkpoint:
     def begin(self, mode: Mode, impact_order: Sequence[ImpactOrderNoise], inflations: Sequence[float]) -> None:
         """A file without steps, with the mode from which sampling starts, the impact-order noise of each run, and by
         how much the noise of each is inflated."""
-        with self._changed(new=True) as image, _open(image, "w") as file:
+        with self._edited_copy(new=True) as image, _open(image, "w") as file:
             file.attrs["inputs"] = self.likelihood.experiment.digest
             file.attrs["names"] = self.likelihood.names
-            file.attrs["program"] = program(self.likelihood.experiment.cradle.composition)
+            file.attrs["program"] = program_hash(self.likelihood.experiment.cradle.composition)
             file.attrs["seed"] = self.seed
             file.attrs["inflations"] = list(inflations)
             _write_mode(file, 0, mode)
@@ -126,11 +126,11 @@ class Checkpoint:
                 file[f"jumps/{k + 1}/directions"], file[f"jumps/{k + 1}/sizes"] = of_run.directions, of_run.sizes
 
     @contextmanager
-    def _changed(self, new: bool = False) -> Iterator[io.BytesIO]:
+    def _edited_copy(self, new: bool = False) -> Iterator[io.BytesIO]:
         """A copy of the file in memory to work on, which takes its place if all went well."""
         with io.BytesIO(b"" if new else self.path.read_bytes()) as image:
             yield image
-            write(self.path, image.getvalue())
+            write_file(self.path, image.getvalue())
 
     def noise_model(self) -> NoiseModel:
         """The noise model of the chains."""
@@ -159,20 +159,20 @@ class Checkpoint:
         """Takes the mode from here on from the second half of the chains so far."""
         D = len(self.likelihood.unknowns)
         points = self.read().chain[:, step // 2 : step].reshape(-1, D)
-        covariance = well_conditioned(np.cov(points.T).reshape(D, D))
-        with self._changed() as image, _open(image, "a") as file:
+        covariance = regularize_covariance(np.cov(points.T).reshape(D, D))
+        with self._edited_copy() as image, _open(image, "a") as file:
             if str(step) not in file["modes"]:
                 _write_mode(file, step, Mode(points.mean(axis=0), covariance, 0.0))
 
     @contextmanager
     def backends(self) -> Iterator[list[emcee.backends.HDFBackend]]:
         """emcee's view of each ensemble, on a copy of the file that takes its place if all went well."""
-        with self._changed() as image:
-            yield [Image(image, f"ensemble_{k + 1}") for k in range(ENSEMBLES)]
+        with self._edited_copy() as image:
+            yield [MemoryBackend(image, f"ensemble_{k + 1}") for k in range(ENSEMBLES)]
 
     def steps(self) -> int:
         """Steps that all ensembles have taken."""
-        return steps_kept(self.path)
+        return count_kept_steps(self.path)
 
     def read(self) -> Chains:
         """All that was sampled by all ensembles."""
@@ -185,7 +185,7 @@ class Checkpoint:
         return Chains(chain, log_density, blobs.reshape(log_density.shape))
 
 
-class Image(emcee.backends.HDFBackend):
+class MemoryBackend(emcee.backends.HDFBackend):
     """emcee's backend on a file in memory: on a full disk it is one write that fails, and not h5py halfway."""
 
     def __init__(self, image: io.BytesIO, name: str) -> None:
@@ -203,7 +203,7 @@ def _open(file: Path | io.BytesIO, mode: str) -> Any:
     return h5py.File(file, mode)
 
 
-def steps_kept(path: Path) -> int:
+def count_kept_steps(path: Path) -> int:
     """Steps that all ensembles in a chain.h5 have taken; 0 where there is none."""
     if not path.is_file():
         return 0
@@ -217,6 +217,6 @@ def _write_mode(file: Any, step: int, mode: Mode) -> None:
         file[f"modes/{step}/{name}"] = getattr(mode, name)
 
 
-def walkers_for(likelihood: Likelihood) -> int:
+def walker_count(likelihood: Likelihood) -> int:
     """Walkers of one ensemble: more than twice the unknowns, as the moves demand, and even."""
     return max(16, 2 * len(likelihood.unknowns) + 4)

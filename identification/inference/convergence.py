@@ -13,10 +13,10 @@ from identification.inference.checkpoint import (
 )
 
 #: What a chain must reach before it is called converged.
-RHAT, ESS, TAUS = 1.01, 400.0, 50.0
+MAX_RHAT, MIN_ESS, MIN_TAUS = 1.01, 400.0, 50.0
 # Steps after which the proposals are adapted to the chains; samples before the last of them are burn-in, for a chain
 # must not adapt to itself. There is no verdict before the first.
-ADAPTATIONS = (40, 240)
+ADAPTATION_STEPS = (40, 240)
 
 
 @dataclass(frozen=True)
@@ -32,7 +32,7 @@ class Convergence:
     reasons: tuple[str, ...] = ()
 
 
-def convergence(chains: Chains) -> Convergence:
+def assess_convergence(chains: Chains) -> Convergence:
     """R̂, effective sample size and autocorrelation time of the slowest unknown (λ included), and the verdict.
 
     Burn-in: the first fifth, at least two autocorrelation times, and all before the last adaptation. R̂ compares the
@@ -43,29 +43,31 @@ def convergence(chains: Chains) -> Convergence:
     series = np.concatenate([chains.chain, chains.newton_exponent[..., None]], axis=-1)
     varying = np.isfinite(series).all(axis=(0, 1, 2)) & (series.std(axis=(0, 1, 2)) > 0.0)
     series = series[..., varying]
-    adapted = max((step for step in ADAPTATIONS if step < S), default=S)
+    adapted = max((step for step in ADAPTATION_STEPS if step < S), default=S)
     if S - adapted <= 4 or series.shape[-1] == 0:
         return Convergence(False, math.nan, 0.0, math.nan, S, S // 2, ("too few steps to tell",))
-    tau = _autocorrelation(series[:, min(max(S // 5, adapted), S // 2) :])
+    tau = _autocorrelation_time(series[:, min(max(S // 5, adapted), S // 2) :])
     burn = max(adapted, min(S // 2, max(S // 5, math.ceil(2.0 * tau))))
     kept = series[:, burn:]
-    tau = _autocorrelation(kept)
+    tau = _autocorrelation_time(kept)
     n = kept.shape[1] // 2
     halves = np.concatenate([kept[:, :n], kept[:, -n:]]).reshape(2 * E, -1, kept.shape[-1])
     within, between = halves.var(axis=1, ddof=1).mean(axis=0), halves.mean(axis=1).var(axis=0, ddof=1)
     rhat = float(np.sqrt(1.0 + between / within).max())
     ess = E * W * kept.shape[1] / tau
     reasons = []
-    if not rhat < RHAT:
-        reasons.append(f"R̂ = {rhat:.4f}, wanted below {RHAT}")
-    if not ess >= ESS:
-        reasons.append(f"ESS = {ess:.0f}, wanted at least {ESS:.0f}")
-    if not kept.shape[1] >= TAUS * tau:
-        reasons.append(f"{kept.shape[1]} steps are {kept.shape[1] / tau:.0f} τ, wanted {TAUS:.0f} τ (τ = {tau:.0f})")
+    if not rhat < MAX_RHAT:
+        reasons.append(f"R̂ = {rhat:.4f}, wanted below {MAX_RHAT}")
+    if not ess >= MIN_ESS:
+        reasons.append(f"ESS = {ess:.0f}, wanted at least {MIN_ESS:.0f}")
+    if not kept.shape[1] >= MIN_TAUS * tau:
+        reasons.append(
+            f"{kept.shape[1]} steps are {kept.shape[1] / tau:.0f} τ, wanted {MIN_TAUS:.0f} τ (τ = {tau:.0f})"
+        )
     return Convergence(not reasons, rhat, float(ess), float(tau), S, burn, tuple(reasons))
 
 
-def _autocorrelation(series: np.ndarray) -> float:
+def _autocorrelation_time(series: np.ndarray) -> float:
     """Integrated autocorrelation time [steps] of the slowest column of (E, S, W, K), at least 1.
 
     Where a walker has not moved at all it cannot be told, and counts as the whole length.

@@ -6,21 +6,22 @@ import dataclasses
 import functools
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from cradle_env.cradle import Cradle
 from cradle_env.effects import LEARNED
 from identification.experiment.experiment import Experiment
-from identification.experiment.noise import estimated_noise, inflation, noise_of
+from identification.experiment.noise import chi2_inflation, estimate_noise, noise_of
 from identification.experiment.train_test import training_rows
-from identification.inference.impact_order_noise import widened
-from identification.inference.laplace import mode_at
-from identification.inference.least_squares import unit
+from identification.inference.impact_order_noise import add_impact_order_noise
+from identification.inference.laplace import laplace_approximation
+from identification.inference.least_squares import chi2_scale
 from identification.inference.likelihood import Likelihood
 from identification.inference.noise_model import rms
-from identification.inference.nonsmooth import broad_jacobian, widest
-from identification.inference.predictive_check import allowed_gap
+from identification.inference.nonsmooth import wide_difference_jacobian, widest_steps
+from identification.inference.predictive_check import predictive_bound
 
 #: Directions that the readings hold less than this share of, of the best known one, count as not seen at all.
 _RANK = 1e-9
@@ -33,7 +34,7 @@ def with_known_noise(experiment: Experiment) -> Experiment:
 
 
 @dataclass(frozen=True, eq=False)
-class Readings:
+class ResidualIndex:
     """Where each of the R residuals of a fit belongs: run and bob (from 0), time [s]; all (R,)."""
 
     run: np.ndarray
@@ -41,7 +42,7 @@ class Readings:
     time: np.ndarray
 
     @classmethod
-    def of(cls, likelihood: Likelihood) -> Readings:
+    def of(cls, likelihood: Likelihood) -> ResidualIndex:
         """Those of a likelihood, in the order of its residuals."""
         parts = []
         for k, (run, rows) in enumerate(zip(likelihood.experiment.runs, likelihood.rows, strict=True)):
@@ -50,8 +51,15 @@ class Readings:
         return cls(*(np.concatenate(column) for column in zip(*parts, strict=True)))
 
 
+class EffectiveSample(NamedTuple):
+    """What correlated residuals are worth: the inflation c by which Δχ² is divided, and the effective sample size."""
+
+    inflation: float
+    size: float
+
+
 @dataclass(frozen=True, eq=False)
-class Fitted:
+class FitResult:
     """A likelihood over the training part, and its mode: point (D,) in sampled coordinates."""
 
     likelihood: Likelihood
@@ -78,7 +86,7 @@ class Fitted:
         return 1.0 if unknown.log else self.values[name]
 
     @property
-    def learned(self) -> bool:
+    def has_learned_law(self) -> bool:
         """Whether the model holds a law learned from data."""
         return any(self.cradle.has(declared.name) for declared in LEARNED)
 
@@ -88,9 +96,9 @@ class Fitted:
         return self.likelihood.residuals(self.point)
 
     @functools.cached_property
-    def readings(self) -> Readings:
+    def readings(self) -> ResidualIndex:
         """Where each residual belongs."""
-        return Readings.of(self.likelihood)
+        return ResidualIndex.of(self.likelihood)
 
     @property
     def count(self) -> int:
@@ -103,9 +111,9 @@ class Fitted:
         return float(np.sum(self.residuals**2))
 
     @property
-    def unit(self) -> float:
+    def chi2_scale(self) -> float:
         """What one unit of χ² is worth beside what this model leaves."""
-        return unit(self.chi2, self.count)
+        return chi2_scale(self.chi2, self.count)
 
     @functools.cached_property
     def jacobian(self) -> np.ndarray:
@@ -119,22 +127,22 @@ class Fitted:
 
     @functools.cached_property
     def _derivatives(self) -> tuple[np.ndarray, np.ndarray]:
-        widths = widest(self.likelihood)
-        return broad_jacobian(self.likelihood, self.point, self.residuals, widths), widths
+        widths = widest_steps(self.likelihood)
+        return wide_difference_jacobian(self.likelihood, self.point, self.residuals, widths), widths
 
     @functools.cached_property
-    def absorbed(self) -> np.ndarray:
+    def tangent_basis(self) -> np.ndarray:
         """Orthonormal basis of what the unknowns can absorb, (R + P, rank)."""
-        return span(self.jacobian)
+        return orthonormal_basis(self.jacobian)
 
     def project(self, vectors: np.ndarray) -> np.ndarray:
         """What a refit leaves of vectors (R + P,) or (R + P, M), to first order: v − Q Qᵀ v."""
-        return vectors - self.absorbed @ (self.absorbed.T @ vectors)
+        return vectors - self.tangent_basis @ (self.tangent_basis.T @ vectors)
 
     @functools.cached_property
-    def coloured(self) -> tuple[float, float]:
-        """(inflation c of Δχ², effective number of readings) by the residuals that are left; see `colour`."""
-        return colour(self.residuals[: self.count], self.readings)
+    def effective_sample(self) -> EffectiveSample:
+        """Inflation of Δχ² and effective sample size of the residuals of the readings."""
+        return estimate_effective_sample(self.residuals[: self.count], self.readings)
 
     @functools.cached_property
     def correlations(self) -> list[float]:
@@ -145,9 +153,9 @@ class Fitted:
     def noise_inflation(self) -> float:
         """By how much noise hides more of slow motion than white noise of its size, as χ²: the mean over readings."""
         counts = np.bincount(self.readings.run, minlength=len(self.correlations))
-        return float(np.average([inflation(rho) for rho in self.correlations], weights=counts))
+        return float(np.average([chi2_inflation(rho) for rho in self.correlations], weights=counts))
 
-    def _series(self, run: int) -> list[np.ndarray]:
+    def _rows_by_bob(self, run: int) -> list[np.ndarray]:
         """Where the residuals of each bob of a run stand, in order of time."""
         at = self.readings
         here = [np.flatnonzero((at.run == run) & (at.bob == bob)) for bob in range(self.cradle.bobs)]
@@ -157,12 +165,14 @@ class Fitted:
     def covariance(self) -> np.ndarray:
         """Laplace covariance of the point, inflated for residuals that are not white and widened by jumps of the
         readings, which are no larger for what else a model leaves; (D, D)."""
-        return widened(self.likelihood, self.point, self.jacobian, self.smooth, self.coloured[0])
+        return add_impact_order_noise(
+            self.likelihood, self.point, self.jacobian, self.laplace_covariance, self.effective_sample.inflation
+        )
 
     @functools.cached_property
-    def smooth(self) -> np.ndarray:
+    def laplace_covariance(self) -> np.ndarray:
         """Laplace covariance of the point as of white noise and readings that do not jump, (D, D)."""
-        return mode_at(self.likelihood, self.point, self.jacobian).covariance
+        return laplace_approximation(self.likelihood, self.point, self.jacobian).covariance
 
     def gap(self, rows: list[np.ndarray]) -> float:
         """RMS over the noise of model less data in rows (T,) of each run; nan where there are none."""
@@ -178,10 +188,12 @@ class Fitted:
         return self.gap(training_rows(self.experiment)[1])
 
     @functools.cached_property
-    def allowed_gap(self) -> float:
+    def predictive_bound(self) -> float:
         """The gap on what was held out that a right model passes by chance once in a hundred times."""
         held = Likelihood(self.experiment, training_rows(self.experiment)[1], self.likelihood.workers)
-        return allowed_gap(self.likelihood, held, self.point, self.covariance, self.jacobian, self.coloured[0])
+        return predictive_bound(
+            self.likelihood, held, self.point, self.covariance, self.jacobian, self.effective_sample.inflation
+        )
 
     def training_gap(self) -> float:
         """The gap on the training part."""
@@ -195,7 +207,7 @@ class Fitted:
         """
         noise = rng.standard_normal((len(self.residuals), count))
         for k, rho in enumerate(self.correlations):
-            for rows in self._series(k) if rho > 0.0 else []:
+            for rows in self._rows_by_bob(k) if rho > 0.0 else []:
                 spacing = np.diff(self.readings.time[rows])
                 kept = rho ** (spacing / np.median(spacing))
                 for before, row, share in zip(rows, rows[1:], kept, strict=False):
@@ -209,13 +221,13 @@ class Fitted:
             for column in range(count):
                 readings = np.full(seen.shape, np.nan)
                 readings[seen] = noise[here, column]
-                noise[here, column] /= estimated_noise(dataclasses.replace(
+                noise[here, column] /= estimate_noise(dataclasses.replace(
                     run, times=run.times[rows], readings=readings, fit_from=run.times[rows][0], fit_to=None
                 ))  # fmt: skip
         return self.project(noise)
 
 
-def span(columns: np.ndarray) -> np.ndarray:
+def orthonormal_basis(columns: np.ndarray) -> np.ndarray:
     """Orthonormal basis of the span of columns (R, K), (R, rank); columns of any units."""
     lengths = np.linalg.norm(columns, axis=0)
     columns = columns[:, lengths > 0.0] / lengths[lengths > 0.0]
@@ -225,7 +237,7 @@ def span(columns: np.ndarray) -> np.ndarray:
     return U[:, s > np.sqrt(_RANK) * s[0]]
 
 
-def colour(residuals: np.ndarray, at: Readings) -> tuple[float, float]:
+def estimate_effective_sample(residuals: np.ndarray, at: ResidualIndex) -> EffectiveSample:
     """(inflation c of Δχ², effective number of readings) by residuals (R,) over the noise that belong there."""
     products, total = np.zeros(1), 0.0
     for k in np.unique(at.run):
@@ -243,4 +255,4 @@ def colour(residuals: np.ndarray, at: Readings) -> tuple[float, float]:
     below = np.flatnonzero(correlation < chance)
     tau = 1.0 + 2.0 * float(np.sum(correlation[: below[0] if len(below) else None]))
     noise = variance if variance > 1.0 + 4.0 * math.sqrt(2.0 / total) else 1.0
-    return max(1.0, noise * tau), max(total / tau, 10.0)
+    return EffectiveSample(max(1.0, noise * tau), max(total / tau, 10.0))

@@ -14,11 +14,17 @@ import numpy as np
 
 from cradle_env.threads import in_threads
 from identification.inference.impossible_model import ImpossibleModelError
-from identification.inference.laplace import Mode, mode_at
-from identification.inference.least_squares import SEVERAL, Misfit, bounds, steps
+from identification.inference.laplace import Mode, laplace_approximation
+from identification.inference.least_squares import MIN_BOBS_WITH_IMPACT_ORDER, Misfit, bounds, difference_steps
 from identification.inference.likelihood import Likelihood
 from identification.inference.noise_model import ImpactOrderNoise
-from identification.inference.nonsmooth import among_modes, broad_jacobian, descents, nearest, polish
+from identification.inference.nonsmooth import (
+    best_move,
+    descend,
+    descend_among_kappa_modes,
+    gauss_newton_steps,
+    wide_difference_jacobian,
+)
 
 #: Pairs of points about a mode from which the size of jumps is learned, and how often, each time as far out as they
 #: then allow; those from which their directions are; and how far out at most, in steps of a smooth misfit.
@@ -29,47 +35,47 @@ _DRAWN, _WIDENED, _LEARNED, _FURTHEST = 16, 3, 64, 1e3
 _GENEROUS, _STEPS, _SMALL = 10.0, 2, 1e-3
 
 
-def widened(
+def add_impact_order_noise(
     likelihood: Likelihood, point: np.ndarray, J: np.ndarray, covariance: np.ndarray, inflation: float = 1.0
 ) -> np.ndarray:
     """The covariance of a mode, (D, D), times that inflation, and widened by what jumps do to a fit; where readings are
     smooth, by nothing."""
     inflated = found = inflation * covariance
     for i in range(_WIDENED):
-        moves = covariance @ J.T @ _unforeseen(likelihood, point, J, found, _DRAWN, i)
+        moves = covariance @ J.T @ _linearization_errors(likelihood, point, J, found, _DRAWN, i)
         found = inflated + moves @ moves.T / max(moves.shape[1], 1)
     return found
 
 
-def learned(likelihood: Likelihood, mode: Mode) -> tuple[Likelihood, Mode]:
+def estimate_impact_order_noise(likelihood: Likelihood, mode: Mode) -> tuple[Likelihood, Mode]:
     """The likelihood of readings that jump as they do about its mode, and the mode of that. With less than three bobs
     no order can flip, and both stay as they are.
 
     Noise and jumps together have the covariance σ² I + g² Σ dᵢ dᵢᵀ/K, of K jumps dᵢ, g = `_GENEROUS`.
     """
-    if likelihood.experiment.cradle.bobs < SEVERAL:
+    if likelihood.experiment.cradle.bobs < MIN_BOBS_WITH_IMPACT_ORDER:
         return likelihood, mode
-    point = among_modes(likelihood, polish(likelihood, mode.point))
-    J = broad_jacobian(likelihood, point, likelihood.residuals(point))
-    covariance = widened(likelihood, point, J, mode_at(likelihood, point, J).covariance)
-    scatter = _unforeseen(likelihood, point, J, covariance, _LEARNED, 0)
+    point = descend_among_kappa_modes(likelihood, descend(likelihood, mode.point))
+    J = wide_difference_jacobian(likelihood, point, likelihood.residuals(point))
+    covariance = add_impact_order_noise(likelihood, point, J, laplace_approximation(likelihood, point, J).covariance)
+    scatter = _linearization_errors(likelihood, point, J, covariance, _LEARNED, 0)
     scatter *= _GENEROUS / math.sqrt(max(scatter.shape[1], 1))
-    of_runs = zip(likelihood.parts(), likelihood.noise_model.weights, strict=True)
-    impact_order = [_of_run(scatter[part] * weight) for part, weight in of_runs]
+    of_runs = zip(likelihood.reading_slices(), likelihood.noise_model.weights, strict=True)
+    impact_order = [_principal_noise(scatter[part] * weight) for part, weight in of_runs]
     known = likelihood.with_noise(likelihood.noise_model.with_impact_order(impact_order))
     for _ in range(_STEPS):
         residuals = known.residuals(point)
-        moved, reached, _ = nearest(known, point, descents(known.whiten(J), residuals))
+        moved, reached, _ = best_move(known, point, gauss_newton_steps(known.whiten(J), residuals))
         if not reached < float(np.sum(residuals**2)):
             break
         point = moved
-    return known, mode_at(known, point, known.whiten(J))
+    return known, laplace_approximation(known, point, known.whiten(J))
 
 
-def size(likelihood: Misfit, point: np.ndarray, J: np.ndarray, covariance: np.ndarray) -> float:
+def impact_order_chi2(likelihood: Misfit, point: np.ndarray, J: np.ndarray, covariance: np.ndarray) -> float:
     """χ² by which readings jump on moves about a point as far as the truth may lie, in the mean; infinite where none is
     possible."""
-    pairs = _unforeseen(likelihood, point, J, covariance, _DRAWN, 0)
+    pairs = _linearization_errors(likelihood, point, J, covariance, _DRAWN, 0)
     return 0.5 * float(np.mean(np.sum(pairs**2, axis=0))) if pairs.size else math.inf
 
 
@@ -79,18 +85,18 @@ def principal_axes(likelihood: Misfit, covariance: np.ndarray) -> tuple[np.ndarr
     scale = np.sqrt(np.diag(covariance))
     squares, directions = np.linalg.eigh(covariance / np.outer(scale, scale))
     axes = scale[:, None] * directions * np.sqrt(np.maximum(squares, 0.0))
-    reach = _FURTHEST * steps(likelihood)[:, None] / np.maximum(np.abs(axes), 1e-300)
+    reach = _FURTHEST * difference_steps(likelihood)[:, None] / np.maximum(np.abs(axes), 1e-300)
     return axes, np.minimum(1.0, reach.min(axis=0))
 
 
-def _of_run(scatter: np.ndarray) -> ImpactOrderNoise:
+def _principal_noise(scatter: np.ndarray) -> ImpactOrderNoise:
     """Directions and sizes of jumps that scatter so, (R, K) [rad or m]; all but the smallest."""
     directions, sizes, _ = np.linalg.svd(scatter, full_matrices=False)
     large = sizes > _SMALL * sizes[:1]
     return ImpactOrderNoise(directions[:, large], sizes[large])
 
 
-def _unforeseen(
+def _linearization_errors(
     likelihood: Misfit, point: np.ndarray, J: np.ndarray, covariance: np.ndarray, count: int, seed: int
 ) -> np.ndarray:
     """What the derivatives do not foretell of the changes between points about a mode, (R, ≤ count): of pairs as far

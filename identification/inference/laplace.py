@@ -12,7 +12,7 @@ from identification.inference.least_squares import Misfit
 from identification.inference.noise_model import NoiseModel, rms
 
 
-class NoisyMisfit(Misfit, Protocol):
+class MisfitWithNoise(Misfit, Protocol):
     """What has a mode: a likelihood, or one with an unknown held."""
 
     @property
@@ -25,7 +25,7 @@ class NoisyMisfit(Misfit, Protocol):
         """Names of the unknowns, (D,)."""
         ...
 
-    def parts(self) -> list[slice]:
+    def reading_slices(self) -> list[slice]:
         """Where the residuals of each run lie."""
         ...
 
@@ -39,10 +39,10 @@ class Mode:
     cost: float
 
 
-def mode_at(likelihood: NoisyMisfit, point: np.ndarray, J: np.ndarray) -> Mode:
+def laplace_approximation(likelihood: MisfitWithNoise, point: np.ndarray, J: np.ndarray) -> Mode:
     """The mode at a point, with its covariance, from derivatives J of the residuals (R, D); unknown noise goes to the
     RMS of the residuals that are left."""
-    residuals, parts = likelihood.residuals(point), likelihood.parts()
+    residuals, parts = likelihood.residuals(point), likelihood.reading_slices()
     least, weight = float(np.sum(residuals**2)), np.ones(len(residuals))
     point = point.copy()
     for k, part in enumerate(parts):
@@ -59,10 +59,10 @@ def mode_at(likelihood: NoisyMisfit, point: np.ndarray, J: np.ndarray) -> Mode:
         # What the data leave open is as wide as its bounds allow.
         open_width = min(u.high - u.low, 10.0 * max(u.search, abs(u.start), 1e-3)) if not u.log else 5.0
         information[i, i] += 1.0 / open_width**2
-    return Mode(point, well_conditioned(np.linalg.inv(information)), least)
+    return Mode(point, regularize_covariance(np.linalg.inv(information)), least)
 
 
-def well_conditioned(covariance: np.ndarray) -> np.ndarray:
+def regularize_covariance(covariance: np.ndarray) -> np.ndarray:
     """The covariance (D, D), symmetric and positive: correlations closer to 1 than rounding allows are cut off."""
     sd = np.sqrt(np.maximum(np.abs(np.diag(covariance)), 1e-300))
     correlation = 0.5 * (covariance + covariance.T) / np.outer(sd, sd)

@@ -1,4 +1,4 @@
-"""Nonlinear least squares on a likelihood: bounds, steps, derivatives, descent."""
+"""Nonlinear least squares on a likelihood: bounds, difference_steps, derivatives, descent."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from identification.inference.impossible_model import ImpossibleModelError
 from identification.inference.unknowns import Unknown
 
 #: The residual [sigma] of every reading at an impossible point.
-_IMPOSSIBLE = 1e4
+_IMPOSSIBLE_RESIDUAL = 1e4
 #: Gain in χ², over what a reading leaves, at which least squares ends.
-_GAIN = 1e-3
+_CONVERGED_GAIN = 1e-3
 #: The number of bobs from which on their impacts have an order that may flip, so that readings jump.
-SEVERAL = 3
+MIN_BOBS_WITH_IMPACT_ORDER = 3
 #: A step that changes the residuals otherwise than foretold by less than this part of the change leaves derivatives
 #: good enough to be corrected by it alone.
-_FORETOLD = 0.3
+_BROYDEN_ERROR = 0.3
 
 
 class Misfit(Protocol):
@@ -45,14 +45,14 @@ def bounds(likelihood: Misfit) -> tuple[np.ndarray, np.ndarray]:
     return low + inset, high - inset
 
 
-def safe_residuals(likelihood: Misfit, point: np.ndarray, length: int | None = None) -> np.ndarray:
+def residuals_or_penalty(likelihood: Misfit, point: np.ndarray, length: int | None = None) -> np.ndarray:
     """Residuals, or huge ones where the point is impossible."""
     try:
         return likelihood.residuals(point)
     except ImpossibleModelError:
         if length is None:
             raise
-        return np.full(length, _IMPOSSIBLE)
+        return np.full(length, _IMPOSSIBLE_RESIDUAL)
 
 
 def cost(likelihood: Misfit, point: np.ndarray) -> float:
@@ -64,13 +64,13 @@ def cost(likelihood: Misfit, point: np.ndarray) -> float:
     return math.inf if math.isnan(found) else found
 
 
-def unit(chi2: float, readings: int) -> float:
+def chi2_scale(chi2: float, readings: int) -> float:
     """What one unit of χ² is worth: 1, or the χ² that each reading leaves where that is more. Differences far below
     what a model leaves say nothing about it."""
     return max(1.0, chi2 / max(readings, 1))
 
 
-def steps(likelihood: Misfit) -> np.ndarray:
+def difference_steps(likelihood: Misfit) -> np.ndarray:
     """Finite-difference steps of the coordinates, (D,): small against what is known of each."""
     found = []
     for u in likelihood.unknowns:
@@ -83,13 +83,13 @@ def steps(likelihood: Misfit) -> np.ndarray:
     return np.array(found)
 
 
-def jacobian(likelihood: Misfit, point: np.ndarray, base: np.ndarray) -> np.ndarray:
+def difference_jacobian(likelihood: Misfit, point: np.ndarray, base: np.ndarray) -> np.ndarray:
     """Derivatives of the residuals (R, D), by one-sided differences that stay within the bounds."""
     high = bounds(likelihood)[1]
-    width = steps(likelihood)
+    width = difference_steps(likelihood)
     width = np.where(point + width > high, -width, width)
     moved = point + np.diag(width)
-    columns = in_threads(lambda z: safe_residuals(likelihood, z, len(base)), list(moved), likelihood.workers)
+    columns = in_threads(lambda z: residuals_or_penalty(likelihood, z, len(base)), list(moved), likelihood.workers)
     return (np.array(columns) - base).T / width
 
 
@@ -112,19 +112,23 @@ def refine(likelihood: Misfit, point: np.ndarray, evaluations: int) -> tuple[np.
             inside,
             descent.derivatives,  # type: ignore[arg-type]  # a function, which SciPy's stubs do not know of
             (low - 1e-12, high + 1e-12),
-            x_scale=steps(likelihood),
+            x_scale=difference_steps(likelihood),
             max_nfev=evaluations,
             xtol=1e-8,
-            ftol=_GAIN / max(length, 1),
+            ftol=_CONVERGED_GAIN / max(length, 1),
         )
         inside, evaluations = found.x, evaluations - found.nfev
-        if evaluations <= 0 or descent.fresh or cost_before - found.cost < _GAIN / max(length, 1) * found.cost:
+        if (
+            evaluations <= 0
+            or descent.fresh
+            or cost_before - found.cost < _CONVERGED_GAIN / max(length, 1) * found.cost
+        ):
             return found.x, 2.0 * float(found.cost)
         cost_before = found.cost  # corrected derivatives may have ended it: once more, with new ones
         descent = _Descent(likelihood, found.x, found.fun)
 
 
-def refined_from(
+def refine_each(
     likelihood: Misfit, points: Sequence[np.ndarray], evaluations: int
 ) -> Iterator[tuple[np.ndarray, float]]:  # fmt: skip
     """What `refine` reaches from each of several points, side by side: much of a descent is one simulation after
@@ -139,14 +143,14 @@ class _Descent:
 
     def __init__(self, likelihood: Misfit, start: np.ndarray, residuals: np.ndarray):
         self.likelihood, self.fresh = likelihood, True
-        self.width = steps(likelihood)
+        self.width = difference_steps(likelihood)
         self._seen = start.copy(), residuals
         self._at: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None
 
     def residuals(self, point: np.ndarray) -> np.ndarray:
         """Those at a point, (R,); where they were asked for last, at once."""
         if not np.array_equal(self._seen[0], point):
-            self._seen = point.copy(), safe_residuals(self.likelihood, point, len(self._seen[1]))
+            self._seen = point.copy(), residuals_or_penalty(self.likelihood, point, len(self._seen[1]))
         return self._seen[1]
 
     def derivatives(self, point: np.ndarray) -> np.ndarray:
@@ -155,18 +159,18 @@ class _Descent:
         J = self._corrected(point, value)
         self.fresh = J is None
         if J is None:
-            J = jacobian(self.likelihood, point, value)
+            J = difference_jacobian(self.likelihood, point, value)
         self._at = point.copy(), value, J
         return J
 
     def _corrected(self, point: np.ndarray, value: np.ndarray) -> np.ndarray | None:
         """The last derivatives, corrected in the direction of the step since; None where that went astray."""
-        if self._at is None or self.likelihood.experiment.cradle.bobs >= SEVERAL:
+        if self._at is None or self.likelihood.experiment.cradle.bobs >= MIN_BOBS_WITH_IMPACT_ORDER:
             return None
         last, before, J = self._at
         step, change = point - last, value - before
         unforeseen = change - J @ step
-        if np.linalg.norm(unforeseen) >= _FORETOLD * np.linalg.norm(change):
+        if np.linalg.norm(unforeseen) >= _BROYDEN_ERROR * np.linalg.norm(change):
             return None
         scaled = step / self.width
         return J + np.outer(unforeseen, scaled / self.width) / (scaled @ scaled)

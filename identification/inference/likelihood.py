@@ -16,7 +16,7 @@ from cradle_env.synchronization import WINDOW, newton_exponent, sigma
 from cradle_env.threads import in_threads
 from cradle_env.trajectory import Trajectory
 from identification.experiment.experiment import Experiment
-from identification.experiment.noise import correlation, inflation
+from identification.experiment.noise import chi2_inflation, estimate_correlation
 from identification.experiment.run import Run
 from identification.inference.impossible_model import ImpossibleModelError, raises_impossible
 from identification.inference.instrument import Instrument
@@ -50,9 +50,9 @@ class Likelihood:
         #: The noise of each run. Its inflations count in the density alone, not in least squares.
         self.noise_model = NoiseModel.of(experiment)
         self.rows = [run.fitted for run in experiment.runs] if rows is None else rows
-        self.of_model = model_unknowns(experiment, parameters)
-        self.of_runs = [run_unknowns(experiment, k, scale) for k, scale in enumerate(self.noise_model.scales)]
-        self.unknowns: tuple[Unknown, ...] = (*self.of_model, *(u for run in self.of_runs for u in run))
+        self.cradle_unknowns = model_unknowns(experiment, parameters)
+        self.unknowns_by_run = [run_unknowns(experiment, k, scale) for k, scale in enumerate(self.noise_model.scales)]
+        self.unknowns: tuple[Unknown, ...] = (*self.cradle_unknowns, *(u for run in self.unknowns_by_run for u in run))
 
     @property
     def names(self) -> list[str]:
@@ -68,19 +68,19 @@ class Likelihood:
     def correlations(self, residuals: np.ndarray) -> list[float]:
         """ρ of successive readings of each run by residuals (R,), 0 where their noise is white."""
         found = []
-        for run, rows, part in zip(self.experiment.runs, self.rows, self.parts(), strict=True):
+        for run, rows, part in zip(self.experiment.runs, self.rows, self.reading_slices(), strict=True):
             left = np.full(run.readings[rows].shape, np.nan)
             seen = ~np.isnan(run.readings[rows])
             left[seen] = residuals[part]
             bobs = zip(left.T, seen.T, strict=True)
-            found.append(correlation([(run.times[rows][own], bob[own]) for bob, own in bobs]))
+            found.append(estimate_correlation([(run.times[rows][own], bob[own]) for bob, own in bobs]))
         return found
 
     def noise_inflations(self, point: np.ndarray) -> list[float]:
         """How many readings of each run count for one, by what is left at a point."""
-        return [inflation(rho) for rho in self.correlations(self.residuals(point))]
+        return [chi2_inflation(rho) for rho in self.correlations(self.residuals(point))]
 
-    def parts(self) -> list[slice]:
+    def reading_slices(self) -> list[slice]:
         """Where the readings of each run stand among the residuals."""
         ends = np.cumsum([
             np.sum(~np.isnan(run.readings[rows])) for run, rows in zip(self.experiment.runs, self.rows, strict=True)
@@ -99,16 +99,16 @@ class Likelihood:
     def cradle(self, values: Mapping[str, float], run: Run | None = None) -> Cradle:
         """The cradle with these values, at the δ of a run (the first where omitted)."""
         cradle = self.experiment.cradle_of(run or self.experiment.runs[0])
-        return cradle.with_values({u.name: values[u.name] for u in self.of_model})
+        return cradle.with_values({u.name: values[u.name] for u in self.cradle_unknowns})
 
     @raises_impossible
-    def beginning(self, values: Mapping[str, float], index: int) -> tuple[Release | InitialState, float]:
+    def initial_condition(self, values: Mapping[str, float], index: int) -> tuple[Release | InitialState, float]:
         """(how run `index` begins, the time in its file at which the simulation starts [s])."""
         run, at = self.experiment.runs[index], f"@{index + 1}"
         if run.state == "release":
             assert run.release is not None
             error = values.get("release_angle_error" + at, 0.0)
-            return lifted_further(run.release.release, error), values.get("release_time_error" + at, 0.0)
+            return shift_release_angle(run.release.release, error), values.get("release_time_error" + at, 0.0)
         bobs = range(1, self.experiment.cradle.bobs + 1)
 
         def each(name: str) -> np.ndarray | None:
@@ -128,9 +128,9 @@ class Likelihood:
         """(readings (T, N) of run `index` at its times[rows], λ [1/s] of the same run or nan)."""
         values, run = self.values(point), self.experiment.runs[index]
         cradle = self.cradle(values, run)
-        beginning, zero = self.beginning(values, index)
+        beginning, zero = self.initial_condition(values, index)
         grid = np.arange(int(WINDOW[1] * LAMBDA_RATE) + 1) / LAMBDA_RATE if with_lambda else np.empty(0)
-        readings, theta = self.observed(cradle, beginning, run.times[rows] - zero, values, index, grid)
+        readings, theta = self.simulate_readings(cradle, beginning, run.times[rows] - zero, values, index, grid)
         if not with_lambda:
             return readings, math.nan
         assert isinstance(beginning, Release)
@@ -141,7 +141,7 @@ class Likelihood:
     def motion(self, values: Mapping[str, float], index: int, times: np.ndarray) -> Trajectory:
         """The cradle with these values in run `index` at times (T,) [s] of its file; at rest before it begins."""
         cradle = self.cradle(values, self.experiment.runs[index])
-        beginning, zero = self.beginning(values, index)
+        beginning, zero = self.initial_condition(values, index)
         true = np.maximum((times - zero) / self.instrument(cradle, index).clock, 0.0)
         return simulate(cradle, beginning, times=true, ledger=False, step_factor=STEP_FACTOR)
 
@@ -150,7 +150,7 @@ class Likelihood:
         return Instrument(cradle, self.experiment.runs[index].quantity)
 
     @raises_impossible
-    def observed(
+    def simulate_readings(
         self,
         cradle: Cradle,
         beginning: Release | InitialState,
@@ -179,7 +179,7 @@ class Likelihood:
         return values.get(f"noise@{index + 1}", self.noise_model.scales[index])
 
     @property
-    def lambda_rides_along(self) -> bool:
+    def gives_lambda(self) -> bool:
         """Whether λ comes with the likelihood: the first run starts from a release, and there is more than one bob."""
         return self.experiment.runs[0].state == "release" and self.experiment.cradle.bobs > 1
 
@@ -194,7 +194,7 @@ class Likelihood:
             if not rows.any():
                 continue
             try:
-                readings, found = self.predict(point, k, rows, with_lambda=k == 0 and self.lambda_rides_along)
+                readings, found = self.predict(point, k, rows, with_lambda=k == 0 and self.gives_lambda)
             except ImpossibleModelError:  # a point of no probability
                 return -math.inf, math.nan
             rate = found if k == 0 else rate
@@ -224,7 +224,7 @@ class Likelihood:
 
     def whiten(self, residuals: np.ndarray) -> np.ndarray:
         """Residuals over the weights of the noise model, (R,) or (R, M), over impact-order noise as well."""
-        return self.noise_model.whiten(residuals, self.parts())
+        return self.noise_model.whiten(residuals, self.reading_slices())
 
 
 @raises_impossible
@@ -235,7 +235,7 @@ def hanging_radius(cradle: Cradle, tension_ratio: np.ndarray | None = None) -> n
     return new if tension_ratio is None else new + sag(cradle) * (1.0 / tension_ratio - 1.0)
 
 
-def lifted_further(release: Release, error: float) -> Release:
+def shift_release_angle(release: Release, error: float) -> Release:
     """The release with every angle larger in magnitude by `error` [rad]."""
     if error == 0.0:
         return release

@@ -13,22 +13,22 @@ import numpy as np
 from identification.inference.checkpoint import (
     ENSEMBLES,
     Checkpoint,
-    walkers_for,
+    walker_count,
 )
-from identification.inference.convergence import ADAPTATIONS, ESS, TAUS, Convergence, convergence
+from identification.inference.convergence import ADAPTATION_STEPS, MIN_ESS, MIN_TAUS, Convergence, assess_convergence
 from identification.inference.laplace import Mode
 from identification.inference.likelihood import Likelihood
 from identification.progress import Progress
 
 #: Seconds between checkpoints, about: what a kill can lose.
-_CHECKPOINT = 8.0
+_CHECKPOINT_SECONDS = 8.0
 #: The steps between the first verdicts.
-_JUDGED = 20
+_VERDICT_INTERVAL = 20
 #: The walkers start this many times as wide as the mode: from outside in.
 _OVERDISPERSION = 1.5
 
 
-class NearMode(emcee.moves.MHMove):
+class IndependenceMove(emcee.moves.MHMove):
     """Proposes points about the mode whatever the walker's own: a multivariate t with the mode's covariance.
 
     Where the posterior is nearly Gaussian almost every proposal is taken, and τ falls to a few steps; where it is
@@ -77,52 +77,52 @@ def sample(
     """Samples until converged, or exactly to `steps` in total, at most to `max_steps`; goes on where it stopped.
 
     After every stretch the chains are on disk. Random numbers depend on the seed and the step alone, and a chain ends
-    at one of `judged` alone, so that a resumed chain is the uninterrupted one, on a slow machine as on a fast one.
+    at one of `verdict_steps` alone, so that a resumed chain is the uninterrupted one, on any machine.
     """
     goal = max_steps if steps is None else steps
     stretch, done, began, first = 4, checkpoint.steps(), time.monotonic(), checkpoint.steps()
     while True:
-        following = next(step for step in judged() if step >= done)
+        following = next(step for step in verdict_steps() if step >= done)
         if done >= goal or (steps is None and done == following):
-            verdict = convergence(checkpoint.read())
+            verdict = assess_convergence(checkpoint.read())
             if done >= goal or verdict.converged:
                 return verdict
-            following = next(step for step in judged() if step > done)
-        if done in ADAPTATIONS:
+            following = next(step for step in verdict_steps() if step > done)
+        if done in ADAPTATION_STEPS:
             checkpoint.adapt(done)
-        ahead = [goal, *([following] if steps is None else []), *(step for step in ADAPTATIONS if step > done)]
+        ahead = [goal, *([following] if steps is None else []), *(step for step in ADAPTATION_STEPS if step > done)]
         stretch = min(stretch, *(step - done for step in ahead))
         start = time.monotonic()
         _advance(likelihood, checkpoint, done, stretch)
         done += stretch
         took = time.monotonic() - start
-        stretch = max(1, min(4 * stretch, round(stretch * _CHECKPOINT / max(took, 1e-3))))
-        _tell(progress, likelihood, checkpoint, goal, steps, done, done - first, time.monotonic() - began)
+        stretch = max(1, min(4 * stretch, round(stretch * _CHECKPOINT_SECONDS / max(took, 1e-3))))
+        _report(progress, likelihood, checkpoint, goal, steps, done, done - first, time.monotonic() - began)
 
 
-def judged() -> Iterator[int]:
+def verdict_steps() -> Iterator[int]:
     """The steps after which it is asked whether chains have converged: every 20, later every tenth part more."""
-    step = _JUDGED
+    step = _VERDICT_INTERVAL
     while True:
         yield step
-        step += _JUDGED * max(1, step // (10 * _JUDGED))
+        step += _VERDICT_INTERVAL * max(1, step // (10 * _VERDICT_INTERVAL))
 
 
-def _tell(progress, likelihood, checkpoint, goal, steps, done, new, seconds) -> None:
+def _report(progress, likelihood, checkpoint, goal, steps, done, new, seconds) -> None:
     """Reports how far the chains are, how fast, and how long it will take as far as can be told."""
     rate = new / max(seconds, 1e-9)
-    verdict = convergence(checkpoint.read())
+    verdict = assess_convergence(checkpoint.read())
     wanted = goal
     if steps is None and math.isfinite(verdict.tau_max):
-        wanted = min(goal, math.ceil((TAUS + 4.0) * verdict.tau_max))
+        wanted = min(goal, math.ceil((MIN_TAUS + 4.0) * verdict.tau_max))
         if verdict.ess_min > 0:
-            wanted = max(wanted, min(goal, math.ceil(done * ESS / verdict.ess_min)))
+            wanted = max(wanted, min(goal, math.ceil(done * MIN_ESS / verdict.ess_min)))
     left = (
         f", about {max(wanted - done, 0) / rate:.0f} s left"
         if math.isfinite(verdict.tau_max) or steps is not None
         else ""
     )
-    runs = rate * ENSEMBLES * walkers_for(likelihood)
+    runs = rate * ENSEMBLES * walker_count(likelihood)
     quality = f"R̂ {verdict.rhat_max:.3f}, ESS {verdict.ess_min:.0f}"
     text = f"step {done} of about {max(wanted, done)}, {runs:.0f} simulations/s, {quality}{left}"
     progress("sample", min(1.0, done / max(wanted, done, 1)), text)
@@ -130,13 +130,13 @@ def _tell(progress, likelihood, checkpoint, goal, steps, done, new, seconds) -> 
 
 def _advance(likelihood: Likelihood, checkpoint: Checkpoint, done: int, count: int) -> None:
     """Takes `count` steps of every ensemble on a copy of the file, which then takes its place."""
-    mode, W = checkpoint.mode(done), walkers_for(likelihood)
+    mode, W = checkpoint.mode(done), walker_count(likelihood)
     with checkpoint.backends() as backends:
         for k, backend in enumerate(backends):
-            moves = [(NearMode(mode), 0.6), (emcee.moves.DEMove(), 0.3), (emcee.moves.DESnookerMove(), 0.1)]
+            moves = [(IndependenceMove(mode), 0.6), (emcee.moves.DEMove(), 0.3), (emcee.moves.DESnookerMove(), 0.1)]
             sampler = Sampler(likelihood, W, moves=moves, backend=backend)
             if done == 0:
-                begin = _scattered(likelihood, mode, W, np.random.default_rng([checkpoint.seed, k]))
+                begin = _draw_start(likelihood, mode, W, np.random.default_rng([checkpoint.seed, k]))
             else:
                 last = backend.get_last_sample()
                 begin = emcee.State(last.coords, log_prob=last.log_prob, blobs=last.blobs)
@@ -147,7 +147,7 @@ def _advance(likelihood: Likelihood, checkpoint: Checkpoint, done: int, count: i
             steps.close()
 
 
-def _scattered(likelihood: Likelihood, mode: Mode, walkers: int, rng: np.random.Generator) -> emcee.State:
+def _draw_start(likelihood: Likelihood, mode: Mode, walkers: int, rng: np.random.Generator) -> emcee.State:
     """Possible points drawn about the mode, wider than the posterior."""
     root = np.linalg.cholesky(mode.covariance) * _OVERDISPERSION
     points: list[np.ndarray] = []

@@ -15,17 +15,17 @@ from cradle_env.errors import check_range
 from cradle_env.release import Release
 from cradle_env.simulation import simulate_batch
 from cradle_env.synchronization import WINDOW
-from identification.experiment.noise import gap_of_noise
+from identification.experiment.noise import noise_gap_bound
 from identification.experiment.train_test import training_rows
 from identification.inference import posterior_display, posterior_plots
 from identification.inference.arviz_data import inference_data
 from identification.inference.gap import MISFIT_GAP
-from identification.inference.likelihood import STEP_FACTOR, lifted_further
+from identification.inference.likelihood import STEP_FACTOR, shift_release_angle
 from identification.inference.posterior_file import read_posterior, write_posterior
-from identification.inference.prediction import Prediction, of_other_bobs
+from identification.inference.prediction import Prediction, release_for_bobs
 from identification.inference.samples import FORMAT, Samples
 from identification.inference.statistics import statistics
-from identification.inference.unknowns import SEARCH
+from identification.inference.unknowns import SEARCH_WIDTHS
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 # Draws over which λ is simulated where it did not come with the likelihood.
 _LAMBDA_DRAWS = 400
 #: The part of the width in the logarithm next to a bound, and the share of samples there, that cut a posterior off.
-_EDGE, _MANY = 0.01, 0.01
+_BOUND_MARGIN, _BOUND_SHARE = 0.01, 0.01
 
 
 @dataclass(frozen=True)
@@ -51,7 +51,8 @@ class Posterior(Samples):
         be said of stated noise; else "none"."""
         (train, held), gap = training_rows(self.experiment), self.gap
         allowed = [
-            gap_of_noise(self.experiment.runs, rows, self.likelihood.noise_model.inflations) for rows in (train, held)
+            noise_gap_bound(self.experiment.runs, rows, self.likelihood.noise_model.inflations)
+            for rows in (train, held)
         ]
         pairs = (gap.train, allowed[0]), (gap.held_out, max(allowed[1], gap.allowed))
         if any(found > max(MISFIT_GAP, chance) for found, chance in pairs):
@@ -65,10 +66,10 @@ class Posterior(Samples):
         looked for, which cuts their posterior off."""
         found = []
         for k, u in enumerate(self.unknowns):
-            if u.name in SEARCH and math.isnan(u.sd) and u.name not in self.experiment.infer:
-                edge = _EDGE * math.log(u.high / u.low)
+            if u.name in SEARCH_WIDTHS and math.isnan(u.sd) and u.name not in self.experiment.infer:
+                edge = _BOUND_MARGIN * math.log(u.high / u.low)
                 z = self.chain[..., k]
-                if np.mean((z < math.log(u.low) + edge) | (z > math.log(u.high) - edge)) > _MANY:
+                if np.mean((z < math.log(u.low) + edge) | (z > math.log(u.high) - edge)) > _BOUND_SHARE:
                     found.append(u.name)
         return tuple(found)
 
@@ -139,7 +140,7 @@ class Posterior(Samples):
         if release_angle is not None:
             release = release.lifted_to(release_angle, self.experiment.cradle)
         if bobs != calibrated:
-            release = of_other_bobs(release, calibrated, bobs)
+            release = release_for_bobs(release, calibrated, bobs)
         cradles, releases = [], []
         for point in self.draws(count):
             values = self.likelihood.values(point)
@@ -153,7 +154,7 @@ class Posterior(Samples):
                 raise ValueError(f"{problem}; the calibration was of {calibrated} bobs, predict for as many") from None
             # A stated angle is taken as exact; the run's own is as uncertain as the calibration left it.
             error = values.get("release_angle_error@1", 0.0) if release_angle is None else 0.0
-            releases.append(lifted_further(release, error))
+            releases.append(shift_release_angle(release, error))
         release.check_synchronizes(cradles[0])
         runs = simulate_batch(
             cradles, releases, duration, sample_rate, step_factor=STEP_FACTOR, workers=self.likelihood.workers

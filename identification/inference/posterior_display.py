@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from cradle_env import display
 from identification.inference.posterior_plots import marginals_figure
 from identification.inference.statistics import statistics
-from identification.number_format import ratio, rounding_of, shown, unit_plain
+from identification.number_format import format_ratio, format_statistics, rounding_of, unit_plain
 
 if TYPE_CHECKING:
     from identification.inference.posterior import Posterior
@@ -19,7 +19,7 @@ def line(posterior: Posterior) -> str:
     for u in posterior.unknowns:
         if not u.nuisance:
             found = statistics(posterior.samples(u.name))
-            text, exponent = shown(found), rounding_of(found).exponent
+            text, exponent = format_statistics(found), rounding_of(found).exponent
             value = f"{text['median']} ± {text['sd']}"
             factor = f"({value})·" if exponent else f"{value} "
             parts.append(f"{u.name} = {factor}{unit_plain(u.unit, exponent)}".rstrip())
@@ -34,13 +34,13 @@ def page(posterior: Posterior) -> str:
     rows = []
     for name, unit, samples in known:
         found = statistics(samples)
-        text = shown(found)
+        text = format_statistics(found)
         rows.append((name, text["median"], text["sd"], text["ci95"], unit_plain(unit, rounding_of(found).exponent)))
     convergence, gap = posterior.convergence, posterior.gap
     state = "converged" if convergence.converged else f"not converged: {'; '.join(convergence.reasons)}"
     caption = (
         f"Posterior of {', '.join(run.file for run in posterior.experiment.runs)}; chains {state};"
-        f" residuals over the noise {ratio(gap.train)} fitted, {ratio(gap.held_out)} held out"
+        f" residuals over the noise {format_ratio(gap.train)} fitted, {format_ratio(gap.held_out)} held out"
     )
     header = ("unknown", "median", "sd", "95 % interval", "unit")
     picture = display.picture(marginals_figure(posterior), "Posterior density of each unknown of the cradle")

@@ -18,9 +18,9 @@ from identification.inference.convergence import Convergence
 from identification.inference.gap import Gap
 from identification.inference.likelihood import Likelihood
 from identification.inference.samples import FORMAT, Samples
-from identification.inference.unknowns import SEARCH
-from identification.storage.files import ExperimentError, write
-from identification.storage.schema import check, parse
+from identification.inference.unknowns import SEARCH_WIDTHS
+from identification.storage.files import ExperimentError, write_file
+from identification.storage.schema import check_schema, parse_json
 
 _REMEDY = "it is not a posterior of `cradle calibrate`"
 # Between what is sampled and what is written there are an exponential and a logarithm.
@@ -42,7 +42,7 @@ def write_posterior(samples: Samples, path: Path) -> Path:
                 for key, (values, unit) in known.items():
                     group.create_variable(key, DIMENSIONS, data=values).attrs["units"] = unit
             file["posterior"].attrs.update(attributes(samples))
-        return write(path, buffer.getvalue())
+        return write_file(path, buffer.getvalue())
 
 
 def variables(samples: Samples) -> dict[str, dict[str, tuple[np.ndarray, str]]]:
@@ -85,7 +85,7 @@ def read_posterior(path: Path, workers: int | None = None) -> Samples:
         with hdf5_files.opened(path) as file:
             samples, stats = hdf5_files.group(file, "posterior"), hdf5_files.group(file, "sample_stats")
             known = {name: _scalar(value) for name, value in hdf5_files.attributes(samples).items()}
-            check(known, "posterior", f"{path}: posterior", _REMEDY)
+            check_schema(known, "posterior", f"{path}: posterior", _REMEDY)
             likelihood = _likelihood(path, known, set(samples), workers)
             names = [u.name for u in likelihood.unknowns]
             log_density = hdf5_files.numbers(stats, "lp", (None, None))
@@ -132,11 +132,13 @@ def _scalar(value: Any) -> Any:
 def _likelihood(path: Path, known: Mapping[str, Any], names: set[str], workers: int | None) -> Likelihood:
     """That which was sampled: of the experiment in the file, which is written nowhere."""
     at = f"{path}: posterior.experiment"
-    texts = parse(known["experiment"], "posterior-experiment", at, _REMEDY)
+    texts = parse_json(known["experiment"], "posterior-experiment", at, _REMEDY)
     try:
         # What it holds is the experiment as it was rewritten; results go by the files that were calibrated.
-        experiment = Experiment.from_texts(texts).read_from(known["inputs"])
-        likelihood = Likelihood(experiment, workers=workers, parameters=[name for name in SEARCH if name in names])
+        experiment = Experiment.from_texts(texts).with_source(known["inputs"])
+        likelihood = Likelihood(
+            experiment, workers=workers, parameters=[name for name in SEARCH_WIDTHS if name in names]
+        )
     except ValueError as problem:
         raise ExperimentError(f"{at}: {problem}") from None
     inflations = np.atleast_1d(known["inflations"]).tolist()
@@ -150,13 +152,13 @@ def _likelihood(path: Path, known: Mapping[str, Any], names: set[str], workers: 
 
 
 def _convergence(path: Path, known: Mapping[str, Any]) -> Convergence:
-    content = parse(known["convergence"], "posterior-convergence", f"{path}: posterior.convergence", _REMEDY)
+    content = parse_json(known["convergence"], "posterior-convergence", f"{path}: posterior.convergence", _REMEDY)
     return Convergence(**{**content, "reasons": tuple(content["reasons"])})
 
 
 def _gap(path: Path, known: Mapping[str, Any], bobs: int) -> Gap:
     at = f"{path}: posterior.gap"
-    train, held_out, by_bob, *allowed = parse(known["gap"], "posterior-gap", at, _REMEDY)
+    train, held_out, by_bob, *allowed = parse_json(known["gap"], "posterior-gap", at, _REMEDY)
     for part, values in by_bob.items():
         if len(values) != 1 + bobs:
             raise ExperimentError(f"{at}: {part} has {len(values)} values for {bobs} bobs; {_REMEDY}")

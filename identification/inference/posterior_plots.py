@@ -16,7 +16,14 @@ from identification.experiment.train_test import training_rows
 from identification.inference.arviz_data import without_arviz_notice
 from identification.inference.noise_model import rms
 from identification.inference.statistics import statistics
-from identification.number_format import literal, mathtext, ratio, rounding_of, shown, unit_mathtext
+from identification.number_format import (
+    escape_mathtext,
+    format_ratio,
+    format_statistics,
+    mathtext,
+    rounding_of,
+    unit_mathtext,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -41,12 +48,12 @@ def corner_figure(posterior: Posterior) -> Figure:
         import corner
 
     columns, labels, titles = [], [], []
-    for symbol, unit, samples in _physical(posterior):
+    for symbol, unit, samples in _cradle_samples(posterior):
         found = statistics(samples)
         rounding = rounding_of(found)
         columns.append(samples / 10.0**rounding.exponent)
         labels.append(mathtext(symbol) + unit_mathtext(unit, rounding.exponent))
-        text = shown(found)
+        text = format_statistics(found)
         titles.append(f"{text['median']} ± {text['sd']}")
     table = np.column_stack(columns)
     table = table[np.isfinite(table).all(axis=1)]
@@ -57,7 +64,7 @@ def corner_figure(posterior: Posterior) -> Figure:
     corner.corner(
         table, fig=figure, bins=32, smooth=1.0, color=BLUE, levels=(0.68, 0.95), plot_datapoints=False,
         fill_contours=True, max_n_ticks=3, hist_kwargs={"linewidth": 1.2},
-        range=[_span(column) for column in table.T],
+        range=[_view_interval(column) for column in table.T],
     )  # fmt: skip
     axes = np.array(figure.axes).reshape(K, K)
     for i, label in enumerate(labels):
@@ -78,21 +85,21 @@ def marginals_figure(posterior: Posterior) -> Figure:
 
     from cradle_env.notebook_figure import NotebookFigure
 
-    shown_here = _physical(posterior)
+    shown_here = _cradle_samples(posterior)
     down = -(-len(shown_here) // _ACROSS)
     figure = NotebookFigure(figsize=(9.0, 2.0 * down), layout="constrained")
     panels = figure.subplots(down, _ACROSS, squeeze=False).ravel()
     for axes, (symbol, unit, samples) in zip(panels, shown_here, strict=False):
         found = statistics(samples)
-        rounding, text = rounding_of(found), shown(found)
+        rounding, text = rounding_of(found), format_statistics(found)
         factor = 10.0**rounding.exponent
         for interval, colour in (("ci95", SKY), ("ci68", BLUE)):
             axes.axvspan(*(bound / factor for bound in found[interval]), color=colour, alpha=0.30, linewidth=0)
-        counts, edges = np.histogram(samples / factor, 40, range=_span(samples / factor), density=True)
+        counts, edges = np.histogram(samples / factor, 40, range=_view_interval(samples / factor), density=True)
         axes.stairs(counts, edges, color=BLACK, linewidth=1.1)
         axes.set_title(f"{mathtext(symbol)} = {text['median']} ± {text['sd']}")
         axes.set_xlabel(f"{mathtext(symbol)}{unit_mathtext(unit, rounding.exponent)}")
-        axes.set(xlim=_span(samples / factor), yticks=[], ylim=(0.0, None))
+        axes.set(xlim=_view_interval(samples / factor), yticks=[], ylim=(0.0, None))
         axes.xaxis.set_major_locator(MaxNLocator(3))
         axes.ticklabel_format(axis="x", useOffset=False)
     for axes in panels[len(shown_here) :]:
@@ -120,7 +127,7 @@ def _tidy(axes: Axes, y_label: str, x_label: str, row: int, column: int) -> None
         axes.set_yticks([])
 
 
-def _physical(posterior: Posterior) -> list[tuple[str, str, np.ndarray]]:
+def _cradle_samples(posterior: Posterior) -> list[tuple[str, str, np.ndarray]]:
     """(symbol, unit, samples) of the cradle's own unknowns, and of λ where there is one of each sample."""
     found = [(u.symbol, u.unit, posterior.samples(u.name)) for u in posterior.unknowns if not u.nuisance]
     if posterior.newton_exponents is not None and posterior.synchronizes:
@@ -128,7 +135,7 @@ def _physical(posterior: Posterior) -> list[tuple[str, str, np.ndarray]]:
     return found
 
 
-def _span(samples: np.ndarray) -> tuple[float, float]:
+def _view_interval(samples: np.ndarray) -> tuple[float, float]:
     """What to show of one coordinate: all but the last 0.1 % at either end, and a margin."""
     low, high = np.quantile(samples, (0.001, 0.999))
     margin = 0.08 * (high - low) or 1e-6 * (abs(high) or 1.0)
@@ -164,7 +171,7 @@ def fit_figure(posterior: Posterior, draws: int = 100) -> Figure:
         end = times[-1]
         start = max(end - _CLOSE_UP_PERIODS * posterior.experiment.cradle.period, times[0])
         panel[0].set(xlim=(run.times[0], run.times[-1]), ylabel=f"{mathtext(f'{_letter(run)}_{bob}')} [{unit}]")
-        panel[0].set_title(f"{literal(run.file)}: bob {bob}" if len(runs) > 1 else f"bob {bob}")
+        panel[0].set_title(f"{escape_mathtext(run.file)}: bob {bob}" if len(runs) > 1 else f"bob {bob}")
         for axes in panel[1:]:
             axes.set_xlim(start, end)
         close = (run.times >= start) & (run.times <= end) & np.isfinite(less)
@@ -176,7 +183,7 @@ def fit_figure(posterior: Posterior, draws: int = 100) -> Figure:
         axes.set_xlabel("time [s]")
     labels = ["data", "model, 95 %", "model and noise, 95 %"]
     figure.legend(handles, labels, loc="outside upper right", ncols=3, markerscale=3)
-    figure.supxlabel(f"{_shading(posterior).capitalize()}.", fontsize=8.0, x=0.99, ha="right")
+    figure.supxlabel(f"{_shading_note(posterior).capitalize()}.", fontsize=8.0, x=0.99, ha="right")
     return figure
 
 
@@ -184,7 +191,7 @@ def _letter(run: Run) -> str:
     return "θ" if run.quantity == "theta" else "x"
 
 
-def _simulated(posterior: Posterior, index: int) -> np.ndarray:
+def _simulated_rows(posterior: Posterior, index: int) -> np.ndarray:
     """Which rows of a run have a simulated counterpart, (T,) of bool."""
     run = posterior.experiment.runs[index]
     return run.times >= (run.fit_from if run.state == "free" else 0.0)
@@ -192,7 +199,7 @@ def _simulated(posterior: Posterior, index: int) -> np.ndarray:
 
 def _band(posterior: Posterior, index: int, points: np.ndarray) -> tuple[np.ndarray, ...]:
     """Over points (K, D): times (T,), mean (T, N), 95 % bands without noise (2, T, N) and with it (2, T, N)."""
-    likelihood, rows = posterior.likelihood, _simulated(posterior, index)
+    likelihood, rows = posterior.likelihood, _simulated_rows(posterior, index)
     draws = np.array(in_threads(lambda z: likelihood.predict(z, index, rows)[0], list(points), likelihood.workers))
     noise = np.array([likelihood.sigma_of(likelihood.values(z), index) for z in points])
     mean, half_width = draws.mean(axis=0), 1.96 * np.sqrt(draws.var(axis=0) + np.mean(noise**2))
@@ -209,7 +216,7 @@ def _shade_held_out(axes: Axes, posterior: Posterior, index: int) -> None:
         axes.axvline(start, color=GREY, linewidth=0.8, linestyle=(0, (3, 2)), zorder=1)
 
 
-def _shading(posterior: Posterior) -> str:
+def _shading_note(posterior: Posterior) -> str:
     """What the shading of `_shade_held_out` means."""
     if any(run.held_out.any() for run in posterior.experiment.runs):
         return "shaded: held out, predicted and not fitted"
@@ -241,9 +248,9 @@ def residual_figure(posterior: Posterior) -> Figure:
         for level, dashes in ((0.0, "-"), (-2.0, "--"), (2.0, "--")):
             axes.axhline(level, color=BLACK, linewidth=0.7, linestyle=dashes)
         axes.set_xlim(run.times[0], run.times[-1])
-        name = f"{literal(run.file)}: " if len(runs) > 1 else ""
+        name = f"{escape_mathtext(run.file)}: " if len(runs) > 1 else ""
         parts = ((train[k] & counted, ""), (held[k] & counted, " in the shaded part"))
-        said = ", ".join(f"{ratio(rms(values[part]))}{where}" for part, where in parts if part.any())
+        said = ", ".join(f"{format_ratio(rms(values[part]))}{where}" for part, where in parts if part.any())
         axes.set_title(f"{name}bob {bob}, RMS {said}")
         axes.set_ylabel("residual / noise")
         edges, grid = np.linspace(-limit, limit, 33), np.linspace(-limit, limit, 401)
@@ -260,13 +267,13 @@ def residual_figure(posterior: Posterior) -> Figure:
     rows[0][1].set_title("dashed: N(0, 1)")
     rows[-1][0].set_xlabel("time [s]")
     rows[-1][1].set_xlabel("density")
-    figure.supxlabel(f"Lines at 0 and ±2; {_shading(posterior)}.", fontsize=8.0, x=0.99, ha="right")
+    figure.supxlabel(f"Lines at 0 and ±2; {_shading_note(posterior)}.", fontsize=8.0, x=0.99, ha="right")
     return figure
 
 
 def _residuals(posterior: Posterior, index: int) -> np.ndarray:
     """Readings of a run less the most probable model, over the noise (T, N); nan where there is no counterpart."""
-    run, rows = posterior.experiment.runs[index], _simulated(posterior, index)
+    run, rows = posterior.experiment.runs[index], _simulated_rows(posterior, index)
     values = np.full(run.readings.shape, np.nan)
     predicted, _ = posterior.likelihood.predict(posterior.best(), index, rows)
     values[rows] = (run.readings[rows] - predicted) / posterior.likelihood.noise_model.scales[index]

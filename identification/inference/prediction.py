@@ -38,7 +38,7 @@ class Prediction:
         return {"median": q[2], "ci68": q[[1, 3]], "ci95": q[[0, 4]]}
 
 
-def of_other_bobs(release: Release, calibrated: int, bobs: int) -> Release:
+def release_for_bobs(release: Release, calibrated: int, bobs: int) -> Release:
     """A release of so many bobs for another number of them; ValueError where it then lifts others."""
     angles = release.angles or {}
     highest = range(calibrated - len(angles) + 1, calibrated + 1)

@@ -9,7 +9,7 @@ import numpy as np
 from cradle_env.plot_style import BLACK, BLUE, SKY, styled
 from cradle_env.plotting import show_decay, sigma_axes, within_envelopes
 from identification.inference.statistics import statistics
-from identification.number_format import rounding_of, shown
+from identification.number_format import format_statistics, rounding_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -61,7 +61,7 @@ def _delta(gaps: np.ndarray) -> str:
     if np.ptp(gaps[:, 0]) == 0.0:
         return f"δ = {medians[0]:.3g}"
     found = statistics(gaps[:, 0])
-    text, scale = shown(found), rounding_of(found).exponent
+    text, scale = format_statistics(found), rounding_of(found).exponent
     return f"δ = ({text['median']} ± {text['sd']})" + (rf"$\,\times\,10^{{{scale}}}$" if scale else "")
 
 
@@ -79,7 +79,7 @@ def _show_rates(axes: Axes, rates: np.ndarray) -> None:
         axes.axvspan(*found[interval], color=colour, alpha=0.30, linewidth=0, label=f"{interval[2:]} %")
     axes.stairs(counts, edges, color=BLACK, linewidth=1.1)
     axes.axvline(found["median"], color=BLACK, linewidth=1.0, linestyle="--", label="median")
-    text = shown(found)
+    text = format_statistics(found)
     scale = rounding_of(found).exponent
     factor = rf" $\times\,10^{{{scale}}}$" if scale else ""
     axes.set_title(f"λ = ({text['median']} ± {text['sd']}){factor} s$^{{-1}}$")

@@ -21,7 +21,7 @@ _POINTS, _NOISES = 64, 200
 _SEEN = 0.5
 
 
-def allowed_gap(
+def predictive_bound(
     training: Likelihood, held: Likelihood, point: np.ndarray, covariance: np.ndarray, J: np.ndarray, inflation: float
 ) -> float:  # fmt: skip
     """The gap on what was held out that a right model passes by chance once in a hundred times: by noise, and by what
@@ -30,7 +30,7 @@ def allowed_gap(
     point (D,), covariance (D, D), derivatives J (R, D): of the fit to the training part; inflation: of χ², of residuals
     that are not white.
     """
-    R = held.parts()[-1].stop
+    R = held.reading_slices()[-1].stop
     if R == 0:
         return math.nan
     at_mode = held.residuals(point)[:R]

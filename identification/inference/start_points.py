@@ -11,7 +11,7 @@ from identification.inference.least_squares import bounds
 from identification.inference.likelihood import Likelihood
 
 
-def placed(likelihood: Likelihood, values: Mapping[str, float]) -> np.ndarray:
+def point_at(likelihood: Likelihood, values: Mapping[str, float]) -> np.ndarray:
     """The point of a likelihood at these values of its unknowns, elsewhere at its start; within bounds."""
     point = likelihood.start()
     for i, u in enumerate(likelihood.unknowns):
@@ -20,7 +20,7 @@ def placed(likelihood: Likelihood, values: Mapping[str, float]) -> np.ndarray:
     return np.clip(point, *bounds(likelihood))
 
 
-def flat(name: str, values: Values) -> dict[str, float]:
+def flatten_values(name: str, values: Values) -> dict[str, float]:
     """{"effect.key": value} of an effect's values; "effect.key[i]" where there are several, and their mean as "[*]"."""
     found = {}
     for key, value in values.items():

@@ -18,12 +18,12 @@ from identification.experiment.run import Prior, Run
 #: Between what values of them there is a cradle, where that is not from 0 on.
 _BOUNDS = {"delta": (-1.0, math.inf), "poisson_ratio": (-1.0, 0.5), "restitution": (0.0, 1.0)}
 #: Without a prior, a positive unknown is uniform in its logarithm, this factor either way of its starting value.
-_FACTOR = {"k_f": 1000.0, "kappa": 10.0, "b": 100.0}
+_PRIOR_FACTORS = {"k_f": 1000.0, "kappa": 10.0, "b": 100.0}
 #: Width of the global search in the logarithm: stated values are good to some tens of percent, b to a factor.
-SEARCH = {"k_f": 0.25, "kappa": 0.15, "b": 0.5}
+SEARCH_WIDTHS = {"k_f": 0.25, "kappa": 0.15, "b": 0.5}
 #: Tension of strings over that of new ones from which a search begins: they wear in from 1 to 1/2 in seconds to a
 #: minute of swinging, and stay there.
-WORN = 0.6
+WORN_TENSION_RATIO = 0.6
 
 
 @dataclass(frozen=True)
@@ -74,11 +74,11 @@ def model_unknowns(experiment: Experiment, parameters: Sequence[str] | None = No
     """
     cradle = experiment.cradle
     for name in parameters or ():
-        if name not in SEARCH:
-            raise ValueError(unknown_key("parameter", name, SEARCH) + "; others go into [infer] with a prior")
+        if name not in SEARCH_WIDTHS:
+            raise ValueError(unknown_key("parameter", name, SEARCH_WIDTHS) + "; others go into [infer] with a prior")
         if not matters(cradle, name):
             raise ValueError(f"{name} cannot matter in this model and is not inferred; leave it out")
-    names = [name for name in (SEARCH if parameters is None else parameters) if matters(cradle, name)]
+    names = [name for name in (SEARCH_WIDTHS if parameters is None else parameters) if matters(cradle, name)]
     names += [name for name in experiment.infer if "." not in name and name not in names and matters(cradle, name)]
     unknowns = [_field_unknown(cradle, name, experiment.infer.get(name)) for name in names]
     chosen = [*experiment.unknown_effect_parameters]
@@ -109,10 +109,10 @@ def _field_unknown(cradle: Cradle, name: str, prior: Prior | None) -> Unknown:
     if prior is not None:
         low, high = _BOUNDS.get(name, (0.0, math.inf))
         return _with_prior(Unknown(name, unit, symbol, start, low, high), prior)
-    factor = _FACTOR[name]
+    factor = _PRIOR_FACTORS[name]
     start = start or float(getattr(Cradle(), name))  # stated as 0: as good as not stated
     return Unknown(
-        name, unit, symbol, start, low=start / factor, high=start * factor, log=True, search=SEARCH[name]
+        name, unit, symbol, start, low=start / factor, high=start * factor, log=True, search=SEARCH_WIDTHS[name]
     )  # fmt: skip
 
 
@@ -167,7 +167,7 @@ def run_unknowns(experiment: Experiment, index: int, noise: float) -> list[Unkno
         if run.release.time_sd > 0.0:
             add("release_time_error", "s", "Δt_0", 0.0, mean=0.0, sd=run.release.time_sd)
     else:
-        theta, theta_dot = first_motion(cradle, run)
+        theta, theta_dot = estimate_initial_motion(cradle, run)
         for i in range(cradle.bobs):
             add(f"theta[{i + 1}]", "rad", f"θ_{i + 1}", theta[i], low=-math.pi, high=math.pi)
             add(f"theta_dot[{i + 1}]", "rad/s", f"θ̇_{i + 1}", theta_dot[i])
@@ -183,7 +183,7 @@ def run_unknowns(experiment: Experiment, index: int, noise: float) -> list[Unkno
                         f"tension_ratio[{i + 1}]",
                         "1",
                         f"T_{i + 1}",
-                        WORN,
+                        WORN_TENSION_RATIO,
                         low=0.3,
                         high=1.0,
                         mean=0.65,
@@ -205,7 +205,7 @@ def sag(cradle: Cradle) -> float:
     return cradle.mass * cradle.gravity / cradle.radial_stiffness
 
 
-def first_motion(cradle: Cradle, run: Run) -> tuple[np.ndarray, np.ndarray]:
+def estimate_initial_motion(cradle: Cradle, run: Run) -> tuple[np.ndarray, np.ndarray]:
     """(theta, theta_dot) at fit_from, each (N,): straight lines through the first readings of each bob."""
     along = run.angles(cradle)
     theta, theta_dot = np.zeros(cradle.bobs), np.zeros(cradle.bobs)

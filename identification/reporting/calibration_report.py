@@ -12,8 +12,15 @@ import numpy as np
 
 from cradle_env.effects import CATALOGUE
 from identification.inference.posterior import Posterior
-from identification.number_format import markup, number, ratio, rounding_of, shown, unit_markup
-from identification.reporting.html_page import page
+from identification.number_format import (
+    format_number,
+    format_ratio,
+    format_statistics,
+    markup,
+    rounding_of,
+    unit_markup,
+)
+from identification.reporting.html_page import render_experiment
 from identification.reporting.verdicts import convergence_verdict, model_verdict
 
 _MEANINGS = {
@@ -60,7 +67,7 @@ def calibration_html(posterior: Posterior, summary: Mapping[str, Any], pictures:
     entries = {name: _row(posterior, name, found) for name, found in summary["parameters"].items()}
     if summary["lambda"]:
         entries["lambda"] = _row(posterior, "lambda", summary["lambda"])
-    return page(
+    return render_experiment(
         "calibration.html",
         "Calibration",
         posterior.experiment,
@@ -70,7 +77,9 @@ def calibration_html(posterior: Posterior, summary: Mapping[str, Any], pictures:
         rows=list(entries.values()),
         nuisance=[_row(posterior, name, found) for name, found in summary["nuisance"].items()],
         window=summary["lambda"]["window_s"] if summary["lambda"] else None,
-        gap=[(name, ratio(summary["gap"][key])) for name, key in (("fitted", "train"), ("held out", "held_out"))],
+        gap=[
+            (name, format_ratio(summary["gap"][key])) for name, key in (("fitted", "train"), ("held out", "held_out"))
+        ],
         rms=_rms_rows(posterior),
         pictures=[
             (*_CAPTIONS[name], base64.b64encode(pictures[name]).decode()) for name in _CAPTIONS if name in pictures
@@ -88,7 +97,7 @@ def _row(posterior: Posterior, name: str, found: Mapping[str, Any]) -> dict[str,
         "symbol": markup(symbol),
         "unit": unit_markup(found["unit"], rounding_of(found).exponent),
         "meaning": _meaning(name),
-        **shown(found),
+        **format_statistics(found),
     }
 
 
@@ -112,5 +121,7 @@ def _rms_rows(posterior: Posterior) -> list[tuple[str, str, str, str]]:
             if np.isfinite(value):
                 angle = value * per_radian
                 where = part.replace("_", " ").replace("train", "fitted")
-                rows.append((where, str(bob) if bob else "all", number(1e3 * angle), number(1e3 * angle * length)))
+                rows.append(
+                    (where, str(bob) if bob else "all", format_number(1e3 * angle), format_number(1e3 * angle * length))
+                )
     return rows

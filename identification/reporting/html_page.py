@@ -5,10 +5,10 @@ from __future__ import annotations
 from typing import Any
 
 from identification.experiment.experiment import Experiment
-from identification.number_format import minus
+from identification.number_format import typographic_minus
 
 
-def page(template: str, work: str, experiment: Experiment, **content: Any) -> str:
+def render_experiment(template: str, work: str, experiment: Experiment, **content: Any) -> str:
     """The page of a template, headed by what was done ("Calibration") and to which experiment."""
     path = experiment.path
     return render(
@@ -21,10 +21,10 @@ def page(template: str, work: str, experiment: Experiment, **content: Any) -> st
     )
 
 
-def _shown(value: Any) -> Any:
+def _format_floats(value: Any) -> Any:
     """Plain numbers, one or several, as they are printed, with a minus."""
     several = value if isinstance(value, list | tuple) else [value]
-    return minus(str(value)) if several and all(isinstance(one, float) for one in several) else value
+    return typographic_minus(str(value)) if several and all(isinstance(one, float) for one in several) else value
 
 
 def render(template: str, **content: Any) -> str:
@@ -32,5 +32,5 @@ def render(template: str, **content: Any) -> str:
     from jinja2 import Environment, PackageLoader, StrictUndefined
 
     loader = PackageLoader("identification.reporting")
-    environment = Environment(loader=loader, autoescape=True, undefined=StrictUndefined, finalize=_shown)
+    environment = Environment(loader=loader, autoescape=True, undefined=StrictUndefined, finalize=_format_floats)
     return environment.get_template(template).render(**content)

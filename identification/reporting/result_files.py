@@ -19,10 +19,10 @@ from identification.experiment.csv_file import csv_text
 from identification.experiment.experiment import Experiment
 from identification.inference.posterior import Posterior
 from identification.inference.prediction import Prediction
-from identification.storage.stamps import write_listed
+from identification.storage.stamps import write_results
 
 #: Told before each picture: how much is done, and what comes.
-Tell = Callable[[float, str], None]
+PictureProgress = Callable[[float, str], None]
 
 #: What a run or a calibration ends with, and the format of a run's; and what else each leaves.
 SUMMARY, RUN_FORMAT, RUN_FILES = "summary.json", "cradle-run/1", ("trajectory.csv", "impacts.csv", "run.png")
@@ -91,10 +91,10 @@ def save_run(
     table = table_text({label: run.impacts[name] for label, name in impacts.items()})
     made = (csv_text(run.t, run.theta, "theta"), table, png(run.plot()))
     files = {**dict(zip(RUN_FILES, made, strict=True)), **({} if experiment is None else experiment.texts())}
-    return write_listed(folder, files, SUMMARY, summary)
+    return write_results(folder, files, SUMMARY, summary)
 
 
-def save_calibration(posterior: Posterior, folder: Path, tell: Tell = lambda *_: None) -> dict[str, Any]:
+def save_calibration(posterior: Posterior, folder: Path, progress: PictureProgress = lambda *_: None) -> dict[str, Any]:
     """Writes posterior.nc, the pictures, report.html and, last, summary.json, which it returns."""
     from identification.inference import posterior_plots, prediction_plots
     from identification.reporting.calibration_report import calibration_html
@@ -112,13 +112,13 @@ def save_calibration(posterior: Posterior, folder: Path, tell: Tell = lambda *_:
         del draw["lambda.png"]
     pictures: dict[str, bytes] = {}
     for name, figure in draw.items():
-        tell(len(pictures) / len(draw), name)
+        progress(len(pictures) / len(draw), name)
         pictures[name] = png(figure(posterior))
     page = calibration_html(posterior, summary, pictures)
     folder.mkdir(parents=True, exist_ok=True)
     with TemporaryDirectory(dir=folder) as scratch:
         saved = posterior.save(Path(scratch) / data)
-        return write_listed(folder, {data: saved, **pictures, report: page}, SUMMARY, summary)
+        return write_results(folder, {data: saved, **pictures, report: page}, SUMMARY, summary)
 
 
 def save_prediction(prediction: Prediction, folder: Path, *, posterior: Posterior, seed: int) -> dict[str, Any]:
@@ -149,4 +149,4 @@ def save_prediction(prediction: Prediction, folder: Path, *, posterior: Posterio
     for name in ("ci68", "ci95"):
         columns |= {f"sigma_{name}_low": bands[name][0], f"sigma_{name}_high": bands[name][1]}
     made = (table_text(columns), png(prediction_figure(prediction)))
-    return write_listed(folder, dict(zip(PREDICTION_FILES, made, strict=True)), PREDICTION, content)
+    return write_results(folder, dict(zip(PREDICTION_FILES, made, strict=True)), PREDICTION, content)

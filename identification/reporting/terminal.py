@@ -7,7 +7,7 @@ import time
 from collections.abc import Iterable, Sequence
 
 #: Seconds between two lines of progress where there is no terminal to draw a bar on.
-_EVERY = 10.0
+_REPORT_INTERVAL = 10.0
 
 
 def print_table(columns: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
@@ -24,10 +24,10 @@ def print_table(columns: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
     Console(width=200, markup=False, highlight=False).print(table, soft_wrap=True)
 
 
-class Progress:
+class TerminalProgress:
     """A context in which `progress(stage, fraction, text)` may be called at will; fraction None: not known."""
 
-    def __enter__(self) -> Progress:
+    def __enter__(self) -> TerminalProgress:
         self._began = self._told = time.monotonic()
         self._bars, self._tasks = None, {}
         if sys.stderr.isatty():
@@ -65,7 +65,7 @@ class Progress:
             self._bars.update(self._tasks[stage], completed=fraction or 0.0, total=total, text=text)
             return
         now = time.monotonic()
-        if now - self._told >= _EVERY:
+        if now - self._told >= _REPORT_INTERVAL:
             self._told = now
             share = "" if fraction is None else f" {100.0 * fraction:.0f} %"
             print(f"{stage}{share}: {text} ({now - self._began:.0f} s so far)", file=sys.stderr, flush=True)

@@ -6,14 +6,14 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from identification.number_format import number, ratio, unit_plain
+from identification.number_format import format_number, format_ratio, unit_plain
 
 
 def convergence_verdict(summary: Mapping[str, Any]) -> str:
     """Whether the chains may be trusted, in a sentence or two."""
     figures = (
-        f"R̂ at most {number(summary['rhat_max'], 4)}, effective samples at least {summary['ess_min']:.0f},"
-        f" {summary['steps']} steps with an autocorrelation time of {number(summary['tau_max'])} at most"
+        f"R̂ at most {format_number(summary['rhat_max'], 4)}, effective samples at least {summary['ess_min']:.0f},"
+        f" {summary['steps']} steps with an autocorrelation time of {format_number(summary['tau_max'])} at most"
     )
     if summary["converged"]:
         return f"The chains have converged: {figures}."
@@ -27,9 +27,9 @@ def convergence_verdict(summary: Mapping[str, Any]) -> str:
 def model_verdict(summary: Mapping[str, Any]) -> str:
     """Whether the model describes the data, in words; and whether a posterior is cut off."""
     gap = summary["gap"]
-    figures = f"the residuals are {ratio(gap['train'])} times the noise where it was fitted"
+    figures = f"the residuals are {format_ratio(gap['train'])} times the noise where it was fitted"
     if gap["held_out"] is not None and math.isfinite(gap["held_out"]):
-        figures += f" and {ratio(gap['held_out'])} times on data held out (1 is the floor)"
+        figures += f" and {format_ratio(gap['held_out'])} times on data held out (1 is the floor)"
     verdicts = {
         "none": f"The model describes these data: {figures}. A good fit does not show that nothing is"
         " missing; `cradle diagnose` looks for it.",
@@ -41,8 +41,8 @@ def model_verdict(summary: Mapping[str, Any]) -> str:
         " known.",
     }
     return verdicts[summary["misfit"]] + "".join(
-        f" The posterior of {name} is cut off: it was looked for from {number(low, 4)} to {number(high, 4)}"
-        f" {unit_plain(summary['parameters'][name]['unit'])}; state a value nearer to it in [cradle], or a prior in"
-        " [infer]."
+        f" The posterior of {name} is cut off: it was looked for from {format_number(low, 4)} to"
+        f" {format_number(high, 4)} {unit_plain(summary['parameters'][name]['unit'])}; state a value nearer to it in"
+        " [cradle], or a prior in [infer]."
         for name, (low, high) in summary["at_bounds"].items()
     )

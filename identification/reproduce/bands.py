@@ -18,7 +18,7 @@ from identification.progress import Progress
 from identification.reproduce.figure import ANGLE, BOBS, STANDARD_RELEASE, Figure, Study, Tables
 from identification.reproduce.impacts import PUBLISHED_ALPHA, PUBLISHED_N
 from identification.reproduce.sweeps import COLOURS, PARAMETERS
-from identification.storage.provenance import program
+from identification.storage.provenance import program_hash
 
 _DRAWS = 24
 #: What a parameter of a sweep sets instead of the posterior.
@@ -34,7 +34,7 @@ def calibrate_example(folder: Path, seed: int, workers: int | None, progress: Pr
     readings = run.theta + _NOISE * np.random.default_rng(seed).standard_normal(run.theta.shape)
     seen = Run(run.t, readings, release=ReleaseInfo(STANDARD_RELEASE, angle_sd=1e-3), delta=0.0, noise=_NOISE)
     # A folder of its own: chains of another program are not gone on with, no other calibration is replaced.
-    own = folder / program(cradle.composition)
+    own = folder / program_hash(cradle.composition)
     posterior = calibrate(Experiment(cradle, (seen,)), out=own, seed=seed, workers=workers, progress=progress)
     posterior.save(own / "posterior.nc")
     return posterior

@@ -16,8 +16,8 @@ from identification.reproduce.figure import BEYOND, STANDARD_RELEASE, Claim, Fig
 from identification.sweep import Quantity
 
 _MANY = (3, 5)
-FOLLOWED = {"contact_duration": {"scale": 1.0}}
-_LAWS = {"followed in time": FOLLOWED, "instantaneous": {}}
+FINITE_CONTACTS = {"contact_duration": {"scale": 1.0}}
+_LAWS = {"followed in time": FINITE_CONTACTS, "instantaneous": {}}
 #: Gaps between the bobs at rest [m], for the curves and for the map.
 _GAPS, _MAP_GAPS = (1e-11, 1e-3), (1e-9, 1e-4)
 #: When angles are compared [s]: after five double swings, before rounding errors have grown.
@@ -74,7 +74,7 @@ def _draw_contacts(tables: Tables) -> matplotlib.figure.Figure:
 
 
 def _contact_claims(tables: Tables) -> Sequence[Claim]:
-    counts = {bobs: _later(tables[f"impacts-N{bobs}"]) for bobs in _MANY}
+    counts = {bobs: _count_later_contacts(tables[f"impacts-N{bobs}"]) for bobs in _MANY}
     words = "; ".join(
         f"N = {bobs}: {many} of {total} later contacts share a bob with another, the first of them at {first:.1f} s,"
         f" at up to {speed:.2g} m/s"
@@ -86,7 +86,7 @@ def _contact_claims(tables: Tables) -> Sequence[Claim]:
     change = np.abs(plain / exact - 1.0)
     listed = ", ".join(f"{a:.4f} and {b:.4f} (N = {n:.0f})" for n, a, b in zip(rates["N"], plain, exact, strict=True))
     return (
-        Claim.judged(
+        Claim.judge(
             "only the first collision involves more than two bodies",
             "2.2",
             most == 0.0,
@@ -94,7 +94,7 @@ def _contact_claims(tables: Tables) -> Sequence[Claim]:
             f"{100 * most:.1g} % of the later ones are overlooked",
             most < 0.1,
         ),
-        Claim.judged(
+        Claim.judge(
             "all later collisions may be taken as instantaneous and of two bodies",
             "2.2",
             bool(change.max() < 0.05),
@@ -103,7 +103,7 @@ def _contact_claims(tables: Tables) -> Sequence[Claim]:
     )
 
 
-def _later(table: Table) -> tuple[int, int, float, float]:
+def _count_later_contacts(table: Table) -> tuple[int, int, float, float]:
     """(how many contacts after the first cascade are of three bobs or more, of how many, from when on [s], their
     highest speed [m/s])."""
     later = table["time [s]"] > table["time [s]"][0] + 0.1
@@ -132,7 +132,7 @@ def _cascade(study: Study) -> Tables:
             away = np.abs(swept["theta_N"][1:] - swept["theta_N"][0]).max(axis=1)
             curves[f"change of theta_N, N = {bobs}, {law} [rad]"] = away
             curves[f"lambda, N = {bobs}, {law} [1/s]"] = swept["lambda"][1:]
-    cradle = Cradle(bobs=3, effects=FOLLOWED)
+    cradle = Cradle(bobs=3, effects=FINITE_CONTACTS)
     each = np.concatenate([[0.0], np.geomspace(*_MAP_GAPS, max(8, study.values // 10))])
     axes = {f"delta[{i}]": each / (2.0 * cradle.radius) for i in (1, 2)}
     swept = study.sweep("gaps one by one", axes, cradle, quantities=(_ANGLES,), times=times)
@@ -196,7 +196,7 @@ def _cascade_claims(tables: Tables) -> Sequence[Claim]:
     rates = [table[f"lambda, N = {bobs}, followed in time [1/s]"][gap <= 1e-6] for bobs in _MANY]
     spread = [float(np.ptp(rate) / np.mean(rate)) for rate in rates]
     return (
-        Claim.judged(
+        Claim.judge(
             f"gaps of nanometres do not matter to θ in the first {_COMPARED:g} s",
             BEYOND,
             all(all(law) for law in quiet.values()),
@@ -204,7 +204,7 @@ def _cascade_claims(tables: Tables) -> Sequence[Claim]:
             "contacts are followed in time (contact_duration); instantaneous impacts must know the order",
             all(quiet["followed in time"]),
         ),
-        Claim.judged(
+        Claim.judge(
             "λ of bobs in touch is defined to a few percent whatever gaps below a micrometre there are",
             BEYOND,
             max(spread) < 0.06,

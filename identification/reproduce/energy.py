@@ -13,7 +13,7 @@ from cradle_env.release import Release
 from cradle_env.simulation import simulate
 from cradle_env.trajectory import Trajectory
 from identification.reproduce.figure import BOBS, STANDARD_RELEASE, Claim, Figure, Study, Tables
-from identification.sweep.quantities import synchronized
+from identification.sweep.quantities import synchronization_index
 
 _MOST = 10
 #: Drags [kg/s] for which the share of drag is found; 0.002 is the default, since the paper's b is not in its text.
@@ -30,7 +30,7 @@ def _conserved(study: Study) -> dict[str, np.ndarray]:
     bobs = np.arange(2, _MOST + 1)
     columns: dict[str, list[float]] = {"ho": [], "pendulum": []}
     for n in bobs:
-        study.tell(float(n / (3 * _MOST)), f"{n} bobs without external loss")
+        study.report(float(n / (3 * _MOST)), f"{n} bobs without external loss")
         for model, shares in columns.items():
             run = simulate(
                 Cradle(bobs=int(n), model=model, b=0.0), Release(angle=_SMALL), times=np.array([0.0, _VERY_LONG])
@@ -42,7 +42,7 @@ def _conserved(study: Study) -> dict[str, np.ndarray]:
 
 def _budget(run: Trajectory) -> tuple[float, ...]:
     """(t [s], what is left of E0, and what impacts, drag and strings took of it) at synchronization; nan if never."""
-    k = synchronized(run)
+    k = synchronization_index(run)
     if k is None:
         return (np.nan,) * 5
     swing, energy = run.swing_energy(), run.energy()
@@ -56,7 +56,7 @@ _BUDGET = ("t_sync [s]", "left", "impacts", "drag", "strings")
 def _data(study: Study) -> Tables:
     budgets, slopes = [], []
     for k, bobs in enumerate(BOBS):
-        study.tell((1 + k) / (2 + len(BOBS)), f"budget of {bobs} bobs")
+        study.report((1 + k) / (2 + len(BOBS)), f"budget of {bobs} bobs")
         for b in _DRAGS:
             run = simulate(Cradle(bobs=bobs, b=b), STANDARD_RELEASE, _LONG, 120.0)
             budgets.append((bobs, b, *_budget(run)))
@@ -130,7 +130,7 @@ def _claims(tables: Tables) -> Sequence[Claim]:
     times = {bobs: group["t_sync [s]"][group["N"] == bobs] for bobs in BOBS}
     sooner = [bobs for bobs, t in times.items() if np.all(np.diff(t) < 0.0)]
     return (
-        Claim.judged(
+        Claim.judge(
             "the energy at synchronization is 1/N of the initial energy",
             "4.1",
             bool(np.abs(budget["left"][standard] * budget["N"][standard] - 1.0).max() < 0.01),
@@ -139,7 +139,7 @@ def _claims(tables: Tables) -> Sequence[Claim]:
             "no string and no drag takes any",
             off < 1e-3,
         ),
-        Claim.judged(
+        Claim.judge(
             "external damping is negligible until synchronization",
             "4.1",
             max(at_standard) < _NEGLIGIBLE,
@@ -150,7 +150,7 @@ def _claims(tables: Tables) -> Sequence[Claim]:
             " and negligible means a tenth",
             True,
         ),
-        Claim.judged(
+        Claim.judge(
             "drag that grows as bobs come together accelerates synchronization",
             "4.1",
             len(sooner) == len(BOBS),

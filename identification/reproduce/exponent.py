@@ -27,11 +27,11 @@ def _data(study: Study) -> Tables:
             run = simulate(Cradle(bobs=bobs), Release(angle=ANGLE, start=start), WINDOW[1])
             columns |= {"t [s]": run.t, f"sigma, N = {bobs}, {start} start": run.sigma()}
             rates[f"lambda, {start} start [1/s]"].append(run.newton_exponent())
-            rates[f"exponential, {start} start [1/s]"].append(decay(run.t, run.sigma()))
+            rates[f"exponential, {start} start [1/s]"].append(fit_decay_rate(run.t, run.sigma()))
     return {"sigma": columns, "lambda": {"N": np.array(BOBS), **{key: np.array(v) for key, v in rates.items()}}}
 
 
-def decay(t: np.ndarray, sigma: np.ndarray) -> float:
+def fit_decay_rate(t: np.ndarray, sigma: np.ndarray) -> float:
     """The rate [1/s] of the exponential nearest to σ in least squares: another reading of the mean in λ."""
     from scipy.optimize import curve_fit
 
@@ -73,7 +73,7 @@ def _draw(tables: Tables) -> matplotlib.figure.Figure:
     return figure
 
 
-def deviation(t: np.ndarray, sigma: np.ndarray, rate: float) -> float:
+def rms_deviation(t: np.ndarray, sigma: np.ndarray, rate: float) -> float:
     """σ − exp(−λt), root mean square within λ's window."""
     inside = (t > WINDOW[0]) & (t <= WINDOW[1])
     return float(np.sqrt(np.mean((sigma - np.exp(-rate * t))[inside] ** 2)))
@@ -84,12 +84,12 @@ def _claims(tables: Tables) -> Sequence[Claim]:
     fitted = rates[f"exponential, {_STARTS[0]} start [1/s]"]
     first, other = (float(rates[f"lambda, {start} start [1/s]"][0]) for start in _STARTS)
     off = [
-        deviation(table["t [s]"], table[f"sigma, N = {bobs}, {_STARTS[0]} start"], rate)
+        rms_deviation(table["t [s]"], table[f"sigma, N = {bobs}, {_STARTS[0]} start"], rate)
         for bobs, rate in zip(BOBS, rates[f"lambda, {_STARTS[0]} start [1/s]"], strict=True)
     ]
     numbers = ", ".join(f"{x:.3f} (N = {bobs})" for x, bobs in zip(off, BOBS, strict=True))
     return (
-        Claim.judged(
+        Claim.judge(
             f"λ = {PUBLISHED} 1/s at the standard set",
             "4.2",
             abs(first / PUBLISHED - 1.0) < 0.02,
@@ -98,7 +98,7 @@ def _claims(tables: Tables) -> Sequence[Claim]:
             "it is read as λ of two bobs, and the start lies between the two",
             min(first, other) < PUBLISHED < max(first, other),
         ),
-        Claim.judged(
+        Claim.judge(
             "exp(−λt) approximates the decay of σ",
             "4.2, Fig. 6",
             max(off) < 0.1,

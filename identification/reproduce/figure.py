@@ -11,7 +11,7 @@ import numpy as np
 
 from cradle_env.cradle import Cradle
 from cradle_env.release import Release
-from identification.sweep import Grid, Quantity, Swept, sweep
+from identification.sweep import Grid, Quantity, SweepResult, sweep
 
 if TYPE_CHECKING:
     import matplotlib.figure
@@ -49,7 +49,7 @@ class Claim:
     condition: str = ""
 
     @classmethod
-    def judged(
+    def judge(
         cls, statement: str, source: str, holds: bool, evidence: str, condition: str = "", otherwise: bool = False
     ) -> Claim:
         """HOLDS where it does; else HOLDS_IF the condition where the weaker reading (`otherwise`) does; else FAILS."""
@@ -70,7 +70,7 @@ class Study:
     workers: int | None
     scratch: Path
     posterior: Callable[[], Posterior]
-    tell: Callable[[float | None, str], None] = lambda *_: None
+    report: Callable[[float | None, str], None] = lambda *_: None
     tables: Mapping[str, Tables] = field(default_factory=dict)
 
     def sweep(
@@ -81,15 +81,15 @@ class Study:
         release: Release = STANDARD_RELEASE,
         quantities: Sequence[str | Quantity] = ("lambda",),
         times: np.ndarray | None = None,
-    ) -> Swept:
+    ) -> SweepResult:
         """`sweep` over 60 s; a sweep of this name goes on where it was interrupted."""
 
-        def tell(_: str, fraction: float | None, text: str = "") -> None:
-            self.tell(fraction, f"{name}: {text}")
+        def report(_: str, fraction: float | None, text: str = "") -> None:
+            self.report(fraction, f"{name}: {text}")
 
         return sweep(
             Grid(axes, cradle, release), quantities, sample_rate=SAMPLE_RATE, times=times, out=self.scratch / name,
-            workers=self.workers, progress=tell,
+            workers=self.workers, progress=report,
         )  # fmt: skip
 
 

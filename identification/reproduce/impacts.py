@@ -23,7 +23,7 @@ _RING_DOWN, _SMALL = 60.0, 0.05
 _GAPS = {"in touch": 0.0, "apart by 40 nm": 1e-6}
 
 
-def post_collision(bobs: int, delta: float, speed: float) -> np.ndarray:
+def velocities_after_impact(bobs: int, delta: float, speed: float) -> np.ndarray:
     """Velocities (N,) [m/s] after the last bob hits the others, which rest in line, at `speed` [m/s] towards them.
 
     On straight rails in effect: linear pendulums a moment before and some tens of microseconds after.
@@ -36,7 +36,7 @@ def post_collision(bobs: int, delta: float, speed: float) -> np.ndarray:
     return cradle.length * run.theta_dot[-1]
 
 
-def ring_down(bobs: int, model: str) -> tuple[float, float]:
+def fit_ring_down(bobs: int, model: str) -> tuple[float, float]:
     """(b that the fit of A exp(−b t/2m) sin(ωt + φ) finds, b that acted [kg/s]) of bobs that swing as one."""
     from scipy.optimize import curve_fit
 
@@ -56,12 +56,12 @@ def _data(study: Study) -> Tables:
     speeds = np.geomspace(0.02, 1.0, max(8, study.values // 10))
     after: dict[str, np.ndarray] = {"impact velocity [m/s]": speeds}
     for name, delta in _GAPS.items():
-        found = -np.array([post_collision(3, delta, v) for v in speeds])
+        found = -np.array([velocities_after_impact(3, delta, v) for v in speeds])
         after |= {f"bob {i + 1}, {name} [m/s]": found[:, i] for i in range(3)}
     cradle = Cradle(bobs=2)
     v = np.geomspace(0.002, 3.0, study.values)
     bobs = np.arange(1, 6)
-    rigid, strings = (np.array([ring_down(int(n), model) for n in bobs]) for model in ("ho", "nsp"))
+    rigid, strings = (np.array([fit_ring_down(int(n), model) for n in bobs]) for model in ("ho", "nsp"))
     return {
         "post-collision": after,
         "pair": {
@@ -135,13 +135,13 @@ def _claims(tables: Tables) -> Sequence[Claim]:
     acted = ring["b_n that acted [kg/s]"]
     rigid, strings = (ring[f"b_n fitted, {kind} strings [kg/s]"] / acted - 1.0 for kind in ("rigid", "nylon"))
     return (
-        Claim.judged(
+        Claim.judge(
             f"eq. 1 at k_f = 18000 gives e = 1 − {PUBLISHED_ALPHA} v^{PUBLISHED_N}",
             "3.1",
             abs(alpha / PUBLISHED_ALPHA - 1.0) < 0.01 and abs(n / PUBLISHED_N - 1.0) < 0.01,
             f"fitted over {POWER_LAW_SPEEDS[0]}–{POWER_LAW_SPEEDS[1]:g} m/s: α = {alpha:.4f}, n = {n:.4f}",
         ),
-        Claim.judged(
+        Claim.judge(
             "a damped sine, fitted to a ring-down, gives the drag b_n",
             "3.2",
             bool(np.abs(strings).max() < 0.05),

@@ -34,12 +34,12 @@ _FLAT = 0.005
 _APART = 5e-4
 
 
-def smoothed(values: np.ndarray, width: int) -> np.ndarray:
+def moving_average(values: np.ndarray, width: int) -> np.ndarray:
     """The mean over so many neighbouring values, where there are as many."""
     return np.convolve(values, np.full(width, 1.0 / width), mode="valid")
 
 
-def fall(rate: np.ndarray) -> float:
+def largest_fall(rate: np.ndarray) -> float:
     """By how much a curve falls below where it has been, over its range."""
     return float(np.max(np.maximum.accumulate(rate) - rate) / np.ptp(rate))
 
@@ -51,10 +51,10 @@ def monotone(tables: Tables) -> Claim:
     width = max(2, round(_WIDTH_ALPHA / (alpha[1] - alpha[0])))
     for bobs in BOBS:
         rates = [table[column(bobs, start)] for start in STARTS]
-        falls.append(max(map(fall, rates)))
-        means.append(max(fall(smoothed(rate, width)) for rate in rates))
+        falls.append(max(map(largest_fall, rates)))
+        means.append(max(largest_fall(moving_average(rate, width)) for rate in rates))
         words.append(f"N = {bobs}: {rates[0][0]:.4f} to {rates[0][-1]:.4f}, falling back by {100 * falls[-1]:.2g} %")
-    return Claim.judged(
+    return Claim.judge(
         "λ rises monotonically with α",
         "4.2, Fig. 8a",
         max(falls) == 0.0,
@@ -83,7 +83,7 @@ def saturation(tables: Tables) -> Claim:
     words = "; ".join(
         f"{variant}: {', '.join(f'{100 * share:+.0f}' for share in shares)} %" for variant, shares in grown.items()
     )
-    return Claim.judged(
+    return Claim.judge(
         "λ saturates with γ",
         "4.2, Fig. 8c",
         len(level) == len(grown),
@@ -95,10 +95,10 @@ def saturation(tables: Tables) -> Claim:
     )
 
 
-def least(delta: np.ndarray, rate: np.ndarray) -> tuple[float, float, float]:
+def find_minimum(delta: np.ndarray, rate: np.ndarray) -> tuple[float, float, float]:
     """(δ of the least λ, that λ, by what share λ exceeds it at the paper's δ), averaged over a few values."""
     width = max(1, round(_WIDTH_DELTA / (delta[1] - delta[0])))
-    mean, at = smoothed(rate, width), smoothed(delta, width)
+    mean, at = moving_average(rate, width), moving_average(delta, width)
     low = float(mean.min())
     return float(at[np.argmin(mean)]), low, float(np.interp(PUBLISHED_LEAST, at, mean)) / low - 1.0
 
@@ -113,21 +113,23 @@ def spacing(tables: Tables) -> tuple[Claim, ...]:
         middle = float(np.interp(0.0, delta, rate))
         slower.append(np.count_nonzero(rate[np.abs(delta) >= _APART] <= middle))
         words.append(f"{rate[0]:.3f}, {middle:.3f}, {rate[-1]:.3f} (N = {bobs})")
-    found = {(bobs, start): least(zoom[ZOOM.name], zoom[column(bobs, start)]) for bobs in BOBS for start in STARTS}
+    found = {
+        (bobs, start): find_minimum(zoom[ZOOM.name], zoom[column(bobs, start)]) for bobs in BOBS for start in STARTS
+    }
     listed = "; ".join(
         f"N = {bobs}, {start}: {low:.4f} at {1e4 * at:+.2f}, {100 * above:.2g} %"
         for (bobs, start), (at, low, above) in found.items()
     )
     flat = [f"N = {bobs}, {start}" for (bobs, start), (*_, above) in found.items() if above < _FLAT]
     return (
-        Claim.judged(
+        Claim.judge(
             "δ ≠ 0 makes the cradle synchronize sooner, in either direction",
             "4.2, Fig. 8d",
             not any(slower),
             f"λ at δ = {delta[0]:g}, 0, {delta[-1]:g}: {'; '.join(words)}; of all |δ| ≥ {_APART:g},"
             f" {sum(slower)} are slower than δ = 0",
         ),
-        Claim.judged(
+        Claim.judge(
             f"λ is least at δ ≈ {PUBLISHED_LEAST:g}, slightly negative",
             "4.2, Fig. 8d",
             all(abs(at - PUBLISHED_LEAST) < 5e-5 for at, *_ in found.values()),
@@ -143,13 +145,13 @@ def beating(tables: Tables) -> Claim:
     words, beats, still, delta = [], [], [], np.empty(0)
     for bobs in BOBS:
         delta, _, sigma = sigma_map(tables[f"delta-N{bobs}"])
-        again = rebound(sigma)
+        again = largest_rise(sigma)
         centre = float(again[np.argmin(np.abs(delta))])
         ends = [float(np.median(again[np.abs(delta - end) < 1e-3])) for end in (delta[0], delta[-1])]
         beats.append(min(ends) > 0.03)
         still.append(centre < 0.02)
         words.append(f"{ends[0]:.3f}, {centre:.3f}, {ends[1]:.3f} (N = {bobs})")
-    return Claim.judged(
+    return Claim.judge(
         "δ away from 0, in either direction, makes σ beat",
         "4.2, Fig. 7d",
         all(beats) and all(still),
@@ -159,7 +161,7 @@ def beating(tables: Tables) -> Claim:
     )
 
 
-def rebound(sigma: np.ndarray) -> np.ndarray:
+def largest_rise(sigma: np.ndarray) -> np.ndarray:
     """By how much σ (T, ...) rises above where it has been, at most."""
     return (sigma - np.minimum.accumulate(sigma, axis=0)).max(axis=0)
 

@@ -93,14 +93,14 @@ def _shortcoming_claims(tables: Tables) -> Sequence[Claim]:
     )
     large = [start for start, (_, after, mean) in ripples.items() if after > _LARGE * mean]
     return (
-        Claim.judged(
+        Claim.judge(
             "the harmonic model fails in the long run",
             "3.3",
             late > 0.3 * size,
             f"θ2 of HO and NSP differ by {1e3 * early:.2g} mrad RMS in the first 4 s and by {1e3 * late:.3g} mrad in"
             f" the last, where the swing itself is {1e3 * size:.3g} mrad RMS",
         ),
-        Claim.judged(
+        Claim.judge(
             "the strings of the second bob oscillate strongly after the second impact",
             "3.4, Fig. 3b",
             len(large) == len(ripples),

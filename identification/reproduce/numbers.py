@@ -40,7 +40,7 @@ def _label(what: str, lifted: int, start: str) -> str:
     return f"{what}, {lifted} lifted, {start} [1/s]"
 
 
-def fits(bobs: np.ndarray, rate: np.ndarray) -> tuple[tuple[float, float], float, tuple[float, float], float]:
+def fit_laws(bobs: np.ndarray, rate: np.ndarray) -> tuple[tuple[float, float], float, tuple[float, float], float]:
     """((intercept at N = 2, slope) [1/s], RMS [1/s]) of a line in N, ((factor [1/s], power), RMS) of a power of N."""
     from scipy.optimize import curve_fit
 
@@ -66,7 +66,7 @@ def _draw(tables: Tables) -> matplotlib.figure.Figure:
             rate, sd = (table[_label(what, lifted, start)] for what in ("lambda", "sd"))
             axes.errorbar(table["N"], rate, sd, fmt=mark, color=colour, markersize=4.0, label=f"{lifted} lifted")
         bobs, rate = table["N"], table[_label("lambda", 1, start)]
-        (at_two, slope), _, (factor, exponent), _ = fits(bobs, rate)
+        (at_two, slope), _, (factor, exponent), _ = fit_laws(bobs, rate)
         axes.plot(
             bobs, at_two + slope * (bobs - 2), color=BLACK, linewidth=0.8, label=f"{at_two:.3f} + {slope:.4f} (N − 2)"
         )
@@ -87,7 +87,7 @@ def _claims(tables: Tables) -> Sequence[Claim]:
     words, grows = [], []
     for start in _STARTS:
         rate = table[_label("lambda", 1, start)]
-        (at_two, slope), line_off, (factor, exponent), power_off = fits(bobs, rate)
+        (at_two, slope), line_off, (factor, exponent), power_off = fit_laws(bobs, rate)
         grows.append(bool(np.all(np.diff(rate) > 0.0)))
         words.append(
             f"{start}: {at_two:.4f} + {slope:.4f} (N − 2) to {line_off:.4f} RMS, {factor:.4f} N^{exponent:.2f} to"
@@ -104,8 +104,8 @@ def _claims(tables: Tables) -> Sequence[Claim]:
     )
     two = ratios[2][np.isfinite(ratios[2])]
     return (
-        Claim.judged(f"more bobs synchronize faster: λ grows with N to {_MOST}", BEYOND, all(grows), "; ".join(words)),
-        Claim.judged(
+        Claim.judge(f"more bobs synchronize faster: λ grows with N to {_MOST}", BEYOND, all(grows), "; ".join(words)),
+        Claim.judge(
             "two bobs lifted synchronize more slowly than one",
             BEYOND,
             bool(np.all(two < 1.0)),

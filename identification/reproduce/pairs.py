@@ -79,7 +79,7 @@ def _claims(tables: Tables) -> Sequence[Claim]:
             f" {100 * kept[-1]:.0f} % of the rows"
         )
     return (
-        Claim.judged(
+        Claim.judge(
             "the resonances in β stand whatever δ and γ are",
             BEYOND,
             min(kept) > 0.9,

@@ -44,7 +44,7 @@ def _obliqueness(run: Trajectory) -> float:
     return float(np.sqrt(np.mean(step**2)) / (2.0 * run.cradle.radius))
 
 
-def in_step(beta: float) -> float:
+def ripple_correlation(beta: float) -> float:
     """Correlation of the ripples of bobs 1 and 2 from 2 s on: 1 in phase, −1 in antiphase."""
     from scipy.ndimage import uniform_filter1d
 
@@ -74,7 +74,7 @@ def linear_ratio(beta: np.ndarray, hysteresis: bool = True) -> np.ndarray:
     return np.array(found)
 
 
-def peaks(x: np.ndarray, y: np.ndarray, prominence: float = PROMINENCE) -> tuple[np.ndarray, np.ndarray]:
+def find_prominent_peaks(x: np.ndarray, y: np.ndarray, prominence: float = PROMINENCE) -> tuple[np.ndarray, np.ndarray]:
     """(where, how far they stand out) of the peaks of y(x) that stand out by that share of the median of y.
 
     Where: the vertex of the parabola through the highest point and its neighbours.
@@ -102,12 +102,12 @@ def _data(study: Study) -> Tables:
     for angle in ANGLES:
         swept = study.sweep(f"angle {angle}", axes, Cradle(bobs=2), Release(angle=angle, start="hanging"))
         angles[f"lambda, {angle} rad [1/s]"] = swept["lambda"]
-    return {"sweep": columns, "angles": angles, "peaks": _located(columns)}
+    return {"sweep": columns, "angles": angles, "peaks": _locate_peaks(columns)}
 
 
-def _located(table: Table) -> dict[str, np.ndarray]:
+def _locate_peaks(table: Table) -> dict[str, np.ndarray]:
     """The peaks of λ of two bobs: where, which n, and the linearised ratio there."""
-    where, height = peaks(table["1/beta"], table[f"lambda, {_MAIN} [1/s]"])
+    where, height = find_prominent_peaks(table["1/beta"], table[f"lambda, {_MAIN} [1/s]"])
     ratio = linear_ratio(1.0 / where)
     return {
         "beta": 1.0 / where,
@@ -115,7 +115,7 @@ def _located(table: Table) -> dict[str, np.ndarray]:
         "omega_r over omega_theta": ratio,
         "n": np.rint(ratio),
         "prominence [1/s]": height,
-        "correlation of ripples": np.array([in_step(1.0 / x) for x in where]),
+        "correlation of ripples": np.array([ripple_correlation(1.0 / x) for x in where]),
     }
 
 
@@ -156,7 +156,7 @@ def _draw(tables: Tables) -> matplotlib.figure.Figure:
     return figure
 
 
-def _near(where: np.ndarray, height: np.ndarray, ratio: np.ndarray, n: int) -> tuple[float, float]:
+def _highest_near(where: np.ndarray, height: np.ndarray, ratio: np.ndarray, n: int) -> tuple[float, float]:
     """(1/β, prominence) of the highest peak whose ratio is within 0.3 of n; nan and 0 where there is none."""
     close = np.abs(ratio - n) < 0.3
     if not close.any():
@@ -172,9 +172,9 @@ def _claims(tables: Tables) -> Sequence[Claim]:
     listed = ", ".join(f"{b:.4f} (n = {n:.0f})" for b, n in zip(found["beta"], found["n"], strict=True))
 
     def at(label: str, rate_table: Table, hysteresis: bool = True) -> np.ndarray:
-        where, height = peaks(x, rate_table[label])
+        where, height = find_prominent_peaks(x, rate_table[label])
         ratio = linear_ratio(1.0 / where, hysteresis)
-        return np.array([_near(where, height, ratio, int(n)) for n in orders])
+        return np.array([_highest_near(where, height, ratio, int(n)) for n in orders])
 
     main = at(f"lambda, {_MAIN} [1/s]", table)
     elastic = at(f"lambda, {_MAIN}, elastic [1/s]", table, hysteresis=False)
@@ -192,27 +192,27 @@ def _claims(tables: Tables) -> Sequence[Claim]:
     most = (ANGLE**2 - ANGLES[-1] ** 2) / 16.0
     count = len(found["n"])
     return (
-        Claim.judged(
+        Claim.judge(
             "λ oscillates with β: radial and angular motion resonate",
             "4.2",
             count >= 3,
             f"two bobs, hanging start: peaks at β = {listed}",
         ),
-        Claim.judged(
+        Claim.judge(
             "a peak lies where the radial frequency is a whole multiple n of the angular one",
             BEYOND,
             bool(np.abs(off).max() < 0.1),
             f"ω_r/ω_θ, linearised about where bobs hang on worn-in strings, at the {count} peaks: n"
             f" {off.mean():+.3f} on average, {np.abs(off).max():.3f} off at most (chance: 0.25 on average)",
         ),
-        Claim.judged(
+        Claim.judge(
             "odd n are stronger than the even ones beside them: swings load both bobs' strings alike in even harmonics",
             BEYOND,
             bool(np.all(main[odd, 1] > beside)),
             "prominence in λ [10⁻³ 1/s]: "
             + ", ".join(f"{1e3 * height:.1f} (n = {n})" for n, height in zip(orders, main[:, 1], strict=True)),
         ),
-        Claim.judged(
+        Claim.judge(
             "at resonance the two bobs ripple in antiphase",
             BEYOND,
             bool(np.all(found["correlation of ripples"] < -0.9)),
@@ -221,7 +221,7 @@ def _claims(tables: Tables) -> Sequence[Claim]:
                 f"{c:.2f} (n = {n:.0f})" for c, n in zip(found["correlation of ripples"], found["n"], strict=True)
             ),
         ),
-        Claim.judged(
+        Claim.judge(
             "without hysteresis strings do not wear in, bobs hang higher, and each peak moves to larger 1/β",
             BEYOND,
             bool(np.all(moved > 0.0) and np.abs(moved - expected).max() < 0.05),
@@ -232,7 +232,7 @@ def _claims(tables: Tables) -> Sequence[Claim]:
             + ") for n = "
             + ", ".join(str(n) for n in orders[both]),
         ),
-        Claim.judged(
+        Claim.judge(
             "neither the number of bobs nor the start moves a peak",
             BEYOND,
             all(len(d) > 0 and np.abs(d).max() < 0.1 for d in apart.values()),
@@ -241,7 +241,7 @@ def _claims(tables: Tables) -> Sequence[Claim]:
                 for other, d in apart.items()
             ),
         ),
-        Claim.judged(
+        Claim.judge(
             "wider swings take longer, so peaks move to smaller 1/β",
             BEYOND,
             bool(np.all(drift < 0.0) and np.all(drift > most)),

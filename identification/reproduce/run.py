@@ -23,10 +23,10 @@ from identification.reporting.result_files import table_text
 from identification.reproduce import FIGURES
 from identification.reproduce.bands import calibrate_example, check_posterior
 from identification.reproduce.figure import FAILS, HOLDS_IF, Claim, Figure, Study, Table, Tables
-from identification.storage.files import ExperimentError, json_text, read_text, write, write_json, write_together
-from identification.storage.lock import holds_out
-from identification.storage.provenance import program
-from identification.storage.stamps import check_own, stamped
+from identification.storage.files import ExperimentError, json_text, read_text, write_file, write_json, write_together
+from identification.storage.lock import locks_output
+from identification.storage.provenance import program_hash
+from identification.storage.stamps import check_replaceable, read_stamp
 
 Progress = Callable[[str, float | None, str], None]
 FORMAT, CLAIMS_FORMAT = "cradle-figure/1", "cradle-claims/1"
@@ -35,7 +35,7 @@ _STAMP = "figure.json"
 _CLAIMS = ("claims.json", "claims.md")
 
 
-@holds_out
+@locks_output
 def reproduce(
     out: Path,
     only: Sequence[str] = (),
@@ -66,26 +66,27 @@ def reproduce(
         check_posterior(loaded)
         posterior, shown = lambda: loaded, [seed, hashlib.sha256(calibration.read_bytes()).hexdigest()]
     inputs = {
-        figure.name: _hash([program(()), values, shown if figure.calibrated else None]) for figure in named.values()
+        figure.name: _hash([program_hash(()), values, shown if figure.calibrated else None])
+        for figure in named.values()
     }
     todo = _with_needs(only or list(named), named)
-    check_own(out, _CLAIMS, _CLAIMS[0], CLAIMS_FORMAT)
+    check_replaceable(out, _CLAIMS, _CLAIMS[0], CLAIMS_FORMAT)
     for name in todo:
         _check_folder(out / name)
     # Named by program and inputs: what another program left unfinished is not gone on with; other inputs' is kept.
-    own = program(())[:12]
+    own = program_hash(())[:12]
     scratch = {name: out / f".unfinished-{name}-{own}-{hashed[:12]}" for name, hashed in inputs.items()}
     for left in out.glob(".unfinished-*"):
         if f"-{own}-" not in left.name:
             shutil.rmtree(left)
     for k, name in enumerate(todo):
-        if _stamp(out / name).get("inputs") != inputs[name]:
-            tell = lambda fraction, text, k=k, name=name: progress(  # noqa: E731
+        if _read_stamp(out / name).get("inputs") != inputs[name]:
+            report = lambda fraction, text, k=k, name=name: progress(  # noqa: E731
                 name, fraction, f"{text} (figure {k + 1} of {len(todo)})"
             )
             tables = {other: _read_tables(out / other) for other in named[name].needs}
-            study = Study(values, workers, scratch[name], posterior, tell, tables)
-            _make(named[name], study, out / name, inputs[name])
+            study = Study(values, workers, scratch[name], posterior, report, tables)
+            _make_figure(named[name], study, out / name, inputs[name])
             shutil.rmtree(scratch[name], ignore_errors=True)
     return _write_claims(out)
 
@@ -103,27 +104,27 @@ def _with_needs(names: Iterable[str], figures: Mapping[str, Figure]) -> list[str
     return [name for name in figures if name in wanted]
 
 
-def _stamp(folder: Path) -> dict[str, Any]:
+def _read_stamp(folder: Path) -> dict[str, Any]:
     """What the stamp of a figure's folder says: its files, and "inputs" where it is finished; empty where none is."""
-    return stamped(folder / _STAMP, FORMAT, "figure") or {}
+    return read_stamp(folder / _STAMP, FORMAT, "figure") or {}
 
 
 def _check_folder(folder: Path, written: Iterable[str] = ()) -> None:
     """ExperimentError where a figure's folder is not ours, or a file to be replaced there is not as we left it."""
-    if folder.exists() and not _stamp(folder) and any(folder.iterdir()):
+    if folder.exists() and not _read_stamp(folder) and any(folder.iterdir()):
         raise ExperimentError(f"{folder}: exists and holds no figure of this command; choose another --out")
-    check_own(folder, (*_stamp(folder).get("files", ()), *written), _STAMP, FORMAT)
+    check_replaceable(folder, (*_read_stamp(folder).get("files", ()), *written), _STAMP, FORMAT)
 
 
-def _make(figure: Figure, study: Study, folder: Path, inputs: str) -> None:
+def _make_figure(figure: Figure, study: Study, folder: Path, inputs: str) -> None:
     """Computes, draws and judges one figure. Picture and claims are of the tables as they are written."""
     began, cpu = time.monotonic(), time.process_time()
-    study.tell(0.0, figure.title)
+    study.report(0.0, figure.title)
     files: dict[str, bytes] = {
-        f"{name}.csv": table_text(_padded(table)).encode() for name, table in figure.data(study).items()
+        f"{name}.csv": table_text(_pad_columns(table)).encode() for name, table in figure.data(study).items()
     }
-    tables = {name.removesuffix(".csv"): _table(text.decode()) for name, text in files.items()}
-    study.tell(1.0, "draw")
+    tables = {name.removesuffix(".csv"): _parse_table(text.decode()) for name, text in files.items()}
+    study.report(1.0, "draw")
     drawn = styled(figure.draw)(tables)
     files[f"{figure.name}.png"] = png(drawn)
     drawn.set_layout_engine("none")  # the PDF is laid out as the PNG, in half the time
@@ -131,7 +132,7 @@ def _make(figure: Figure, study: Study, folder: Path, inputs: str) -> None:
     content = {
         "format": FORMAT,
         "version": __version__,
-        "program": program(()),
+        "program": program_hash(()),
         "inputs": inputs,
         "title": figure.title,
         "seconds": round(time.monotonic() - began, 1),
@@ -140,14 +141,14 @@ def _make(figure: Figure, study: Study, folder: Path, inputs: str) -> None:
         "files": {name: hashlib.sha256(data).hexdigest() for name, data in files.items()},
     }
     _check_folder(folder, files)
-    for name in _stamp(folder).get("files", ()):
+    for name in _read_stamp(folder).get("files", ()):
         (folder / name).unlink(missing_ok=True)
     # So that whatever a kill leaves is known to be ours.
     write_json(folder / _STAMP, {key: content[key] for key in ("format", "files")})
     write_together(folder, {**files, _STAMP: json_text(content)})
 
 
-def _padded(table: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+def _pad_columns(table: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
     """Columns of one length; what is short is filled up with empty fields."""
     rows = max(map(len, table.values()))
     return {key: np.append(column, np.full(rows - len(column), np.nan)) for key, column in table.items()}
@@ -155,15 +156,15 @@ def _padded(table: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
 
 def _read_tables(folder: Path) -> Tables:
     """The tables that a figure wrote."""
-    names = (name for name in _stamp(folder)["files"] if name.endswith(".csv"))
-    return {name.removesuffix(".csv"): _table(read_text(folder / name)[0]) for name in names}
+    names = (name for name in _read_stamp(folder)["files"] if name.endswith(".csv"))
+    return {name.removesuffix(".csv"): _parse_table(read_text(folder / name)[0]) for name in names}
 
 
-def _table(text: str) -> Table:
+def _parse_table(text: str) -> Table:
     """A table as it was written, without the empty fields at the ends of columns."""
     header, *lines = text.splitlines()
     rows = np.array([[float(cell or "nan") for cell in line.split(",")] for line in lines])
-    return {label: _trimmed(rows[:, k]) for k, label in enumerate(_labels(header))}
+    return {label: _trim_column(rows[:, k]) for k, label in enumerate(_labels(header))}
 
 
 def _labels(header: str) -> list[str]:
@@ -172,15 +173,17 @@ def _labels(header: str) -> list[str]:
     return next(csv.reader([header]))
 
 
-def _trimmed(column: np.ndarray) -> np.ndarray:
+def _trim_column(column: np.ndarray) -> np.ndarray:
     filled = np.flatnonzero(~np.isnan(column))
     return column[: filled[-1] + 1] if len(filled) else column[:0]
 
 
 def _write_claims(out: Path) -> dict[str, Any]:
     """claims.json and claims.md, of the figures that are there, finished, and made by this program."""
-    stamps = {figure.name: _stamp(out / figure.name) for figure in FIGURES}
-    done = {name: stamp for name, stamp in stamps.items() if "inputs" in stamp and stamp.get("program") == program(())}
+    stamps = {figure.name: _read_stamp(out / figure.name) for figure in FIGURES}
+    done = {
+        name: stamp for name, stamp in stamps.items() if "inputs" in stamp and stamp.get("program") == program_hash(())
+    }
     content = {
         "format": CLAIMS_FORMAT,
         "version": __version__,
@@ -189,7 +192,7 @@ def _write_claims(out: Path) -> dict[str, Any]:
         "claims": [{**claim, "figure": name} for name, stamp in done.items() for claim in stamp["claims"]],
     }
     write_json(out / _CLAIMS[0], content)
-    write(out / _CLAIMS[1], f"# What the model says of the paper's claims\n\n{claims_table(content)}\n")
+    write_file(out / _CLAIMS[1], f"# What the model says of the paper's claims\n\n{claims_table(content)}\n")
     return content
 
 

@@ -29,7 +29,7 @@ def path_through(turns: Sequence[float], points: int = _LEG) -> np.ndarray:
     return np.concatenate([[0.0], *legs])
 
 
-def _repeated(cradle: Cradle) -> np.ndarray:
+def _repeated_path(cradle: Cradle) -> np.ndarray:
     """The path of cycles between two tensions: each turns where the tension gets there."""
     low, high = _REPEATED
     turns = [high / cradle.kappa]
@@ -48,7 +48,7 @@ def _data(study: Study) -> Tables:
     columns: dict[str, np.ndarray] = {}
     for name, path in single.items():
         columns |= {f"{name}: stretch [m]": path, f"{name}: tension [N]": string_tension(cradle, path)}
-    path = _repeated(cradle)
+    path = _repeated_path(cradle)
     run = simulate(cradle, Release(angle=ANGLE, start="hanging"), 60.0, _RATE)
     s = np.hypot(run.r[:, 1], cradle.pivot_half_spacing) - np.hypot(cradle.length, cradle.pivot_half_spacing)
     # The bob hung still before: its strings have been loaded once.
@@ -67,7 +67,7 @@ def _data(study: Study) -> Tables:
     }
 
 
-def loss(stretch: np.ndarray, tension: np.ndarray) -> float:
+def loop_loss(stretch: np.ndarray, tension: np.ndarray) -> float:
     """Share of the work of loading that a closed loop from zero has taken."""
     work = 0.5 * np.diff(stretch) * (tension[1:] + tension[:-1])
     return float(work.sum() / work[work > 0.0].sum())
@@ -109,16 +109,16 @@ def _single(tables: Tables, force: float) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _claims(tables: Tables) -> Sequence[Claim]:
-    shares = [loss(*_single(tables, force)) for force in _SINGLE]
+    shares = [loop_loss(*_single(tables, force)) for force in _SINGLE]
     early, late = (float(tables["worn"][f"T over kappa s{when}"][0]) for when in (" at the start", ", mean after 50 s"))
     return (
-        Claim.judged(
+        Claim.judge(
             "a full cycle of eq. 4 takes a third of the work of loading, whatever the force",
             BEYOND,
             bool(np.abs(np.array(shares) - 1.0 / 3.0).max() < 1e-3),
             f"share taken up to {_SINGLE[0]} to {_SINGLE[-1]} N: {min(shares):.4f} to {max(shares):.4f}",
         ),
-        Claim.judged(
+        Claim.judge(
             "strings wear in: from T = κ s to T = κ s/2, where loading and unloading are equally stiff",
             BEYOND,
             abs(late - 0.5) < 0.03,

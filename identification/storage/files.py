@@ -51,7 +51,7 @@ def read_bytes(path: Path) -> bytes:
     return data
 
 
-def beside(folder: Path, name: str) -> Path:
+def resolve_beside(folder: Path, name: str) -> Path:
     """The file that a file in this folder names, in the folder itself or below it; ValueError for any other place, for
     a link that leads out of it, for a device, and where there is none."""
     parts = PureWindowsPath(name)  # which knows both separators, and drives
@@ -74,7 +74,7 @@ def beside(folder: Path, name: str) -> Path:
 
 
 @contextmanager
-def replacing(path: Path) -> Iterator[Path]:
+def atomic_replacement(path: Path) -> Iterator[Path]:
     """A temporary path beside `path`, which takes its place when all went well."""
     temporary = path.with_name(f".{path.name}.{os.getpid()}.part")
     try:
@@ -86,17 +86,17 @@ def replacing(path: Path) -> Iterator[Path]:
         temporary.unlink(missing_ok=True)
 
 
-def write(path: Path, content: str | bytes) -> Path:
+def write_file(path: Path, content: str | bytes) -> Path:
     """Writes a file, whole or not at all; makes its folder."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    with replacing(path) as temporary:
+    with atomic_replacement(path) as temporary:
         temporary.write_bytes(content.encode() if isinstance(content, str) else content)
     return path
 
 
 def write_json(path: Path, content: Mapping[str, Any]) -> Path:
     """Writes JSON; what is not finite becomes null."""
-    return write(path, json_text(content))
+    return write_file(path, json_text(content))
 
 
 def write_together(directory: Path, files: Mapping[str, str | bytes | Path]) -> None:

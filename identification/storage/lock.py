@@ -23,7 +23,7 @@ _R = TypeVar("_R")
 
 
 @contextmanager
-def working_in(folder: Path) -> Iterator[None]:
+def lock_folder(folder: Path) -> Iterator[None]:
     """Holds a folder, made where there is none, for this thread; ExperimentError where another process works there.
 
     The system frees the lock of a process that has died. A folder that was made and stays empty is removed.
@@ -56,14 +56,14 @@ def working_in(folder: Path) -> Iterator[None]:
                 place.rmdir()
 
 
-def holds_out(work: Callable[_P, _R]) -> Callable[_P, _R]:
+def locks_output(work: Callable[_P, _R]) -> Callable[_P, _R]:
     """Work that holds the folder that it is given as `out`, where it is given one, as long as it takes."""
     signature = inspect.signature(work)
 
     @functools.wraps(work)
     def held(*args: _P.args, **kwargs: _P.kwargs) -> _R:
         out = signature.bind(*args, **kwargs).arguments.get("out")
-        with contextlib.nullcontext() if out is None else working_in(Path(out)):
+        with contextlib.nullcontext() if out is None else lock_folder(Path(out)):
             return work(*args, **kwargs)
 
     return held

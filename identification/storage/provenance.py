@@ -23,7 +23,7 @@ _CODE = ("co_code", "co_names", "co_freevars", "co_exceptiontable")
 _DATA = (bool, int, float, complex, str, bytes, tuple, list, dict, set, frozenset, np.ndarray, np.generic, type(None))
 
 
-def program(effects: Iterable[Effect]) -> str:
+def program_hash(effects: Iterable[Effect]) -> str:
     """The program that makes a result, as a hash: its sources, and those of the effects that are from outside it."""
     outside = [vars(effect) for effect in effects if effect not in (*CATALOGUE, *LEARNED)]
     return hashlib.sha256((_sources() + fingerprint(outside)).encode()).hexdigest()[:16]
@@ -44,14 +44,21 @@ def fingerprint(value: Any, seen: set[int] | None = None) -> str:
     like nothing in another process. seen: ids of functions that are told already.
     """
     seen = set() if seen is None else seen
-    tell = functools.partial(fingerprint, seen=seen)
+    describe = functools.partial(fingerprint, seen=seen)
     parts: list[Any]
     if isinstance(value, FunctionType):
         if id(value) in seen:
             return value.__qualname__
         seen.add(id(value))
         closed = [cell.cell_contents for cell in value.__closure__ or ()]
-        parts = [value.__module__, value.__code__, value.__defaults__, value.__kwdefaults__, closed, _named(value)]
+        parts = [
+            value.__module__,
+            value.__code__,
+            value.__defaults__,
+            value.__kwdefaults__,
+            closed,
+            _module_names(value),
+        ]
     elif isinstance(value, CodeType):
         parts = [*(getattr(value, name) for name in _CODE), *value.co_consts]
     elif isinstance(value, MethodType):
@@ -70,11 +77,11 @@ def fingerprint(value: Any, seen: set[int] | None = None) -> str:
         members = [item for kind in type(value).__mro__ for item in vars(kind).items()]
         parts = [vars(value), *((name, of) for name, of in members if isinstance(of, FunctionType))]
     else:
-        return "".join(sorted(map(tell, value))) if isinstance(value, set | frozenset) else repr(value)
-    return f"{type(value).__qualname__}({', '.join(map(tell, parts))})"
+        return "".join(sorted(map(describe, value))) if isinstance(value, set | frozenset) else repr(value)
+    return f"{type(value).__qualname__}({', '.join(map(describe, parts))})"
 
 
-def _named(function: FunctionType) -> dict[str, Any]:
+def _module_names(function: FunctionType) -> dict[str, Any]:
     """What a function, and those within it, may name of its own module."""
     found = {name: function.__globals__[name] for name in _names(function.__code__) if name in function.__globals__}
     own = function.__module__

@@ -15,7 +15,7 @@ from identification.storage.files import ExperimentError, read_text
 _REMEDY = "it is not as this program wrote it"
 
 
-def check(content: Any, name: str, where: str | Path, remedy: str = _REMEDY) -> None:
+def check_schema(content: Any, name: str, where: str | Path, remedy: str = _REMEDY) -> None:
     """ExperimentError, naming `where` and the field, unless `content` is as the schema of that name wants it."""
     from jsonschema.exceptions import best_match
 
@@ -23,7 +23,7 @@ def check(content: Any, name: str, where: str | Path, remedy: str = _REMEDY) -> 
     if problem is None:
         return
     field = problem.json_path.removeprefix("$").lstrip(".")
-    raise ExperimentError(f"{where}: {_words(field, problem)}; {remedy}")
+    raise ExperimentError(f"{where}: {_describe(field, problem)}; {remedy}")
 
 
 def read_json(path: Path, name: str, remedy: str = _REMEDY) -> Any:
@@ -34,21 +34,21 @@ def read_json(path: Path, name: str, remedy: str = _REMEDY) -> Any:
     except (ValueError, RecursionError) as problem:
         reason = "nested too deep" if isinstance(problem, RecursionError) else str(problem)[:200]
         raise ExperimentError(f"{path}: not valid JSON: {reason}; {remedy}") from None
-    check(content, name, path, remedy)
+    check_schema(content, name, path, remedy)
     return content
 
 
-def parse(text: str, name: str, where: str, remedy: str = _REMEDY) -> Any:
+def parse_json(text: str, name: str, where: str, remedy: str = _REMEDY) -> Any:
     """Likewise of JSON that stands within a file."""
     try:
         content = json.loads(text)
     except (ValueError, RecursionError):
         raise ExperimentError(f"{where}: not valid JSON; {remedy}") from None
-    check(content, name, where, remedy)
+    check_schema(content, name, where, remedy)
     return content
 
 
-def _words(field: str, problem: Any) -> str:
+def _describe(field: str, problem: Any) -> str:
     """What is wrong with a field, in words."""
     at, rule, wanted = field or "the content", problem.validator, problem.validator_value
     if rule == "required":

@@ -10,19 +10,19 @@ from pathlib import Path
 from typing import Any
 
 from identification.storage.files import ExperimentError, json_text, write_json, write_together
-from identification.storage.lock import check_folder, working_in
+from identification.storage.lock import check_folder, lock_folder
 from identification.storage.schema import read_json
 
 #: Ends the name of the file that lists what is about to be written.
 _PENDING = ".pending"
 
 
-def check_own(folder: Path, names: Iterable[str], stamp: str, formats: str) -> None:
+def check_replaceable(folder: Path, names: Iterable[str], stamp: str, formats: str) -> None:
     """ExperimentError where a folder holds a file of these names that is not ours to replace: the JSON file that our
     command writes beside it, its stamp, is not there, not of this format, or lists the file otherwise or not at all;
     or where the folder is a file. Files that were about to be written when their process was killed are ours."""
     check_folder(folder)
-    content, pending = stamped(folder / stamp, formats), stamped(_pending(folder, stamp), formats)
+    content, pending = read_stamp(folder / stamp, formats), read_stamp(_pending(folder, stamp), formats)
 
     def ours(name: str) -> bool:
         if pending is not None and (name == stamp or _lists(pending, folder / name)):
@@ -36,13 +36,13 @@ def check_own(folder: Path, names: Iterable[str], stamp: str, formats: str) -> N
             raise ExperimentError(f"{folder / name}: exists and is no result of this command; choose another --out")
 
 
-def write_listed(
+def write_results(
     folder: Path, files: Mapping[str, str | bytes | Path], stamp: str, content: Mapping[str, Any]
 ) -> dict[str, Any]:
     """Writes files by name and, last, the stamp, which lists them and what it has listed before as `files`, by their
     SHA-256; returns its content. A Path is a file to be moved there."""
-    with working_in(folder):
-        earlier = (stamped(folder / stamp, content["format"]) or {}).get("files", {})
+    with lock_folder(folder):
+        earlier = (read_stamp(folder / stamp, content["format"]) or {}).get("files", {})
         content = {**content, "files": {**earlier, **{name: _sha256(data) for name, data in files.items()}}}
         pending = write_json(_pending(folder, stamp), {key: content[key] for key in ("format", "files")})
         write_together(folder, {**files, stamp: json_text(content)})
@@ -68,7 +68,7 @@ def _lists(content: Mapping[str, Any], file: Path) -> bool:
     return content.get("files", {}).get(file.name) == _sha256(file)
 
 
-def stamped(path: Path, formats: str, schema: str = "stamp") -> dict[str, Any] | None:
+def read_stamp(path: Path, formats: str, schema: str = "stamp") -> dict[str, Any] | None:
     """The content of a JSON file of results of this format; None where there is no such file, or it is none of ours."""
     try:
         content = read_json(path, schema)

@@ -19,7 +19,7 @@ _LINE = re.compile(rf"\s*(?:(?P<open>\[\[?)\s*(?P<table>{_DOTTED})\s*\]|(?P<key>
 
 
 class Table:
-    """A table of a TOML file; values are taken out checked, and `only` refuses what is not asked for."""
+    """A table of a TOML file; values are taken out checked, and `allow_only` refuses what is not asked for."""
 
     def __init__(self, name: str, text: str, values: Mapping[str, Any], address: Address = ()):
         self.name, self.text, self.values, self.address = name, text, values, address
@@ -59,7 +59,7 @@ class Table:
     def __contains__(self, key: str) -> bool:
         return key in self.values
 
-    def only(self, known: Collection[str], what: str = "key") -> None:
+    def allow_only(self, known: Collection[str], what: str = "key") -> None:
         """Refuses any other key, with the nearest of those known."""
         for key in self.values:
             if key not in known:
@@ -70,7 +70,7 @@ class Table:
             raise self.refuse(f"{key} is missing; add {key}: {expected}")
         value = self.values[key]
         if not isinstance(value, kind) or (isinstance(value, bool) and kind is not bool):
-            raise self.refuse(f"is {_shown(value)}; expected {expected}", key)
+            raise self.refuse(f"is {_format_value(value)}; expected {expected}", key)
         return value
 
     def number(self, key: str) -> float:
@@ -83,7 +83,7 @@ class Table:
                 return number
         except OverflowError:
             pass
-        raise self.refuse(f"is {_shown(value)}; expected a finite number", *keys)
+        raise self.refuse(f"is {_format_value(value)}; expected a finite number", *keys)
 
     def numbers(self, key: str) -> tuple[float, ...]:
         """A list of finite numbers."""
@@ -102,14 +102,14 @@ class Table:
         expected = " or ".join(f'"{choice}"' for choice in choices) or "a string in quotes"
         value = self._get(key, str, expected)
         if choices and value not in choices:
-            raise self.refuse(f"is {_shown(value)}; expected {expected}", key)
+            raise self.refuse(f"is {_format_value(value)}; expected {expected}", key)
         return value
 
     def strings(self, key: str) -> list[str]:
         """A list of strings."""
         value = self._get(key, list, 'a list of names, as in ["quadratic_drag"]')
         if not all(isinstance(item, str) for item in value):
-            raise self.refuse(f"is {_shown(value)}; expected a list of names in quotes", key)
+            raise self.refuse(f"is {_format_value(value)}; expected a list of names in quotes", key)
         return value
 
     def table(self, key: str, expected: str = "a table, { key = value, ... }") -> Table:
@@ -124,7 +124,7 @@ class Table:
         return [Table(self.name, self.text, item, (*self.address, key, i)) for i, item in enumerate(value)]
 
 
-def _shown(value: object) -> str:
+def _format_value(value: object) -> str:
     try:
         text = f'"{value}"' if isinstance(value, str) else str(value)
     except ValueError:  # an integer of thousands of digits

@@ -8,6 +8,6 @@ swept["lambda"], swept.failures()
 from identification.sweep.engine import sweep
 from identification.sweep.grid import Axis, Grid
 from identification.sweep.quantities import QUANTITIES, Quantity
-from identification.sweep.swept import Swept
+from identification.sweep.sweep_result import SweepResult
 
-__all__ = ["QUANTITIES", "Axis", "Grid", "Quantity", "Swept", "sweep"]
+__all__ = ["QUANTITIES", "Axis", "Grid", "Quantity", "SweepResult", "sweep"]

@@ -19,11 +19,11 @@ from cradle_env.errors import check_range
 from cradle_env.release import Release
 from cradle_env.simulation import SimulationError, simulate
 from cradle_env.threads import InterruptedRun, Threads
-from identification.storage.lock import holds_out
-from identification.sweep.grid import Grid, built
-from identification.sweep.quantities import Quantity, chosen
+from identification.storage.lock import locks_output
+from identification.sweep.grid import Grid, build_run
+from identification.sweep.quantities import Quantity, choose_quantities
 from identification.sweep.store import DONE, Plan, Store, row_type
-from identification.sweep.swept import Swept
+from identification.sweep.sweep_result import SweepResult
 
 if TYPE_CHECKING:
     from identification.progress import Progress
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 _TASK, _IN_FLIGHT = 8, 256
 
 
-@holds_out
+@locks_output
 def sweep(
     grid: Grid,
     quantities: Sequence[str | Quantity] = ("lambda",),
@@ -44,7 +44,7 @@ def sweep(
     workers: int | None = None,
     executor: Any = None,
     progress: Progress | None = None,
-) -> Swept:
+) -> SweepResult:
     """Runs every point of a grid and takes down some quantities of each, in one process bit for bit as `simulate`.
 
     quantities: names of `QUANTITIES`, or any `Quantity`; duration [s] and sample_rate [1/s] of each run; times (T,) [s]
@@ -62,23 +62,23 @@ def sweep(
         times = np.arange(math.floor(duration) + 1.0)
     times = np.array([check_range("times", t, "s", 0.0, duration) for t in times])
     taken = (*grid.names, *(axis.name for axis in grid.axes))
-    plan = Plan(grid, chosen(quantities, taken), times, duration, sample_rate)
+    plan = Plan(grid, choose_quantities(quantities, taken), times, duration, sample_rate)
     if out is not None:
-        return _swept(plan, Path(out), workers, executor, progress)
+        return _run_plan(plan, Path(out), workers, executor, progress)
     with TemporaryDirectory() as folder:
-        swept = _swept(plan, Path(folder), workers, executor, progress)
-        return Swept(plan, np.array(swept.rows), swept.reasons)
+        swept = _run_plan(plan, Path(folder), workers, executor, progress)
+        return SweepResult(plan, np.array(swept.rows), swept.reasons)
 
 
-def _swept(plan: Plan, folder: Path, workers: int | None, executor: Any, progress: Progress | None) -> Swept:
+def _run_plan(plan: Plan, folder: Path, workers: int | None, executor: Any, progress: Progress | None) -> SweepResult:
     store = Store(folder, plan)
     begun = store.done() > 0
     if executor is not None:
-        _run(plan, store, executor, progress, lambda: None)
+        _run_tasks(plan, store, executor, progress, lambda: None)
     else:
         with Threads(workers) as threads:
-            _run(plan, store, threads, progress, threads.stop)
-    swept = Swept(plan, store.open(), store.reasons)
+            _run_tasks(plan, store, threads, progress, threads.stop)
+    swept = SweepResult(plan, store.open(), store.reasons)
     failures = swept.failures()
     if sum(failures.values()) == len(plan.grid):
         if not begun:  # the folder is free for what is corrected
@@ -87,9 +87,9 @@ def _swept(plan: Plan, folder: Path, workers: int | None, executor: Any, progres
     return swept
 
 
-def _run(plan: Plan, store: Store, executor: Any, progress: Progress | None, stop: Callable[[], None]) -> None:
+def _run_tasks(plan: Plan, store: Store, executor: Any, progress: Progress | None, stop: Callable[[], None]) -> None:
     """Keeps a few tasks in flight, and writes down what comes back in whatever order; stop: has runs end early."""
-    tell = progress or (lambda *_: None)
+    report = progress or (lambda *_: None)
     grid, finished, waiting = plan.grid, SimpleQueue(), {}
     before = store.done()
     new, began = 0, time.monotonic()
@@ -100,7 +100,7 @@ def _run(plan: Plan, store: Store, executor: Any, progress: Progress | None, sto
         store.write(waiting[future], *future.result())
         new += len(waiting.pop(future))
         done, rate = before + new, new / (time.monotonic() - began)
-        tell("sweep", done / store.count, f"{done} of {store.count} runs, {rate:.1f}/s")
+        report("sweep", done / store.count, f"{done} of {store.count} runs, {rate:.1f}/s")
 
     # Few runs are spread too, however many work on them.
     size = min(_TASK, math.ceil(store.count / 64))
@@ -144,7 +144,7 @@ def evaluate(
     ledger = any(q.ledger for q in quantities)
     for k, point in enumerate(values.tolist()):
         try:
-            made = built(cradle, release, dict(zip(names, point, strict=True)))
+            made = build_run(cradle, release, dict(zip(names, point, strict=True)))
             run = simulate(*made, duration, sample_rate, ledger=ledger)
             for q in quantities:
                 found = q.measure(run)

@@ -19,7 +19,7 @@ from identification.reporting.html_page import render
 from identification.sweep.engine import sweep
 from identification.sweep.grid import Grid
 from identification.sweep.quantities import Quantity
-from identification.sweep.swept import Swept
+from identification.sweep.sweep_result import SweepResult
 
 if TYPE_CHECKING:
     from identification.progress import Progress
@@ -109,8 +109,8 @@ def explore_html(
 def _axis(grid: Grid, k: int) -> dict[str, Any]:
     """An axis for the page: symbol and unit as HTML, name as plain text, values as they are told, where to begin."""
     axis = grid.axes[k]
-    unit, symbol = axis.described
-    here = _stated(grid, axis.name)
+    unit, symbol = axis.unit_and_symbol
+    here = _stated_value(grid, axis.name)
     return {
         "symbol": markup(symbol),
         "unit": unit_markup(unit),
@@ -120,7 +120,7 @@ def _axis(grid: Grid, k: int) -> dict[str, Any]:
     }
 
 
-def _stated(grid: Grid, name: str) -> float | None:
+def _stated_value(grid: Grid, name: str) -> float | None:
     """What the cradle and the release of the grid say of a parameter, if it is one number."""
     cradle, release = grid.cradle, grid.release
     of, _, key = name.partition(".")
@@ -129,7 +129,7 @@ def _stated(grid: Grid, name: str) -> float | None:
     return float(value) if isinstance(value, float | int) else None
 
 
-def _run(swept: Swept, index: int, scale: float) -> dict[str, Any]:
+def _run(swept: SweepResult, index: int, scale: float) -> dict[str, Any]:
     """One run for the page: θ as whole steps, bob by bob, and log10 σ as whole steps, both int16 in base64."""
     problem = swept.problems(index, index + 1)[0]
     if problem:

@@ -49,9 +49,9 @@ class Axis:
         return self.columns.get(self.name, np.arange(float(len(self))))
 
     @property
-    def described(self) -> tuple[str, str]:
+    def unit_and_symbol(self) -> tuple[str, str]:
         """(unit, symbol) of the coordinate."""
-        return describe(self.name) if self.name in self.columns else ("1", self.name)
+        return unit_and_symbol(self.name) if self.name in self.columns else ("1", self.name)
 
 
 class Grid:
@@ -77,7 +77,7 @@ class Grid:
         if not self.axes:
             raise ValueError("no axis to sweep over; give one or more, as beta=0.05:0.4:100")
         for name in self.names:
-            describe(name)
+            unit_and_symbol(name)
             if self.names.count(name) > 1:
                 raise ValueError(f"{name} is on two axes; leave one out")
         if len(self) > _MOST:
@@ -110,12 +110,14 @@ class Grid:
 
     def point(self, index: int) -> tuple[Cradle, Release]:
         """Cradle and release at a flat index; ValueError where there can be none."""
-        return built(self.cradle, self.release, dict(zip(self.names, self.values(np.array([index]))[0], strict=True)))
+        return build_run(
+            self.cradle, self.release, dict(zip(self.names, self.values(np.array([index]))[0], strict=True))
+        )
 
 
 def _axis(name: str, given: Any) -> Axis:
     together = given if isinstance(given, Mapping) else {name: given}
-    columns = {key: _checked(key, values) for key, values in together.items()}
+    columns = {key: _check_values(key, values) for key, values in together.items()}
     if len({len(column) for column in columns.values()}) != 1:
         lengths = ", ".join(f"{len(column)} of {key}" for key, column in columns.items())
         raise ValueError(f"axis {name} must hold equally many values of each parameter; it has {lengths or 'none'}")
@@ -126,7 +128,7 @@ def _axis(name: str, given: Any) -> Axis:
     return axis
 
 
-def _checked(name: str, values: Any) -> np.ndarray:
+def _check_values(name: str, values: Any) -> np.ndarray:
     try:
         column = np.array(values, dtype=float)
     except (TypeError, ValueError):
@@ -136,7 +138,7 @@ def _checked(name: str, values: Any) -> np.ndarray:
     return column
 
 
-def describe(name: str) -> tuple[str, str]:
+def unit_and_symbol(name: str) -> tuple[str, str]:
     """(unit, symbol) of a parameter that can be swept; ValueError, with the nearest, if it cannot be."""
     match = _ELEMENT.fullmatch(name)
     whole, index = (match["whole"], match["index"]) if match else (name, None)
@@ -150,11 +152,11 @@ def describe(name: str) -> tuple[str, str]:
         return (parameter.unit, parameter.symbol) if parameter else (FIELDS | _OTHERS)[whole]
     if whole != "delta" and not (parameter and parameter.each):
         raise ValueError(f"{name}: {whole} is one number; leave [{index}] out")
-    unit, symbol = describe(whole)
+    unit, symbol = unit_and_symbol(whole)
     return unit, f"{symbol}[{index}]"
 
 
-def built(cradle: Cradle, release: Release, values: Mapping[str, float]) -> tuple[Cradle, Release]:
+def build_run(cradle: Cradle, release: Release, values: Mapping[str, float]) -> tuple[Cradle, Release]:
     """The cradle and the release with some parameters set to other values; ValueError where there can be none."""
     fields: dict[str, Any] = {}
     effects = {name: dict(keys) for name, keys in cradle.effects.items()}
@@ -172,10 +174,10 @@ def built(cradle: Cradle, release: Release, values: Mapping[str, float]) -> tupl
     if "alpha" in values or "n" in values:
         fields["power_law"] = (values.get("alpha", cradle.alpha), values.get("n", cradle.n))
     made = cradle.replace(beta=values.get("beta"), effects=effects, **fields)
-    return made, _let_go(of_other_bobs(release, cradle.bobs, made.bobs), cradle, values)
+    return made, _build_release(release_for_bobs(release, cradle.bobs, made.bobs), cradle, values)
 
 
-def of_other_bobs(release: Release, stated: int, bobs: int) -> Release:
+def release_for_bobs(release: Release, stated: int, bobs: int) -> Release:
     """A release stated of so many bobs for another number of them; ValueError where its angles would be of others."""
     if release.angles is not None and bobs != stated:
         named = ", ".join(map(str, release.angles))
@@ -202,7 +204,7 @@ def _with_element(several: Any, element: str, value: float, count: int, name: st
     return tuple(changed)
 
 
-def _let_go(release: Release, cradle: Cradle, values: Mapping[str, float]) -> Release:
+def _build_release(release: Release, cradle: Cradle, values: Mapping[str, float]) -> Release:
     if not values.keys() & {"release_angle", "gamma", "lifted"}:
         return release
     angle = values.get("release_angle")

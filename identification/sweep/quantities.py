@@ -15,7 +15,7 @@ from cradle_env.synchronization import check_duration
 from cradle_env.trajectory import Trajectory
 
 #: Bobs count as synchronized from where on σ stays below this for a whole period.
-SYNCHRONIZED_AT = 0.05
+SYNCHRONIZED_SIGMA = 0.05
 
 
 @dataclass(frozen=True)
@@ -51,21 +51,21 @@ def _check_synchronizes(run: Trajectory) -> None:
     run.release.check_synchronizes(run.cradle)
 
 
-def synchronized(run: Trajectory) -> int | None:
+def synchronization_index(run: Trajectory) -> int | None:
     """Index of the first sample from which on σ < 0.05 for a whole period; None if there is none."""
-    below = np.concatenate([[0], np.cumsum(_sigma(run) < SYNCHRONIZED_AT)])
+    below = np.concatenate([[0], np.cumsum(_sigma(run) < SYNCHRONIZED_SIGMA)])
     whole = math.ceil(run.cradle.period / (run.t[1] - run.t[0]))
     lasting = np.flatnonzero(below[whole:] - below[:-whole] == whole)
     return int(lasting[0]) if len(lasting) else None
 
 
 def _synchronization_time(run: Trajectory) -> float:
-    index = synchronized(run)
+    index = synchronization_index(run)
     return math.nan if index is None else float(run.t[index])
 
 
 def _energy_share(run: Trajectory) -> float:
-    index, energy = synchronized(run), run.swing_energy()
+    index, energy = synchronization_index(run), run.swing_energy()
     return math.nan if index is None else float(energy[index] / energy[0])
 
 
@@ -100,7 +100,7 @@ _ALL = (
 QUANTITIES = {quantity.name: quantity for quantity in _ALL}
 
 
-def chosen(quantities: Sequence[str | Quantity], taken: Sequence[str]) -> tuple[Quantity, ...]:
+def choose_quantities(quantities: Sequence[str | Quantity], taken: Sequence[str]) -> tuple[Quantity, ...]:
     """The quantities, those of `QUANTITIES` by name; ValueError for an unknown name, none, one twice, or one that is
     `taken` by something else in a table."""
     found = []

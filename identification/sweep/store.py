@@ -15,7 +15,7 @@ import numpy as np
 from cradle_env import __version__
 from cradle_env.effects import effect
 from identification.storage.files import json_text, write_together
-from identification.storage.provenance import fingerprint, program
+from identification.storage.provenance import fingerprint, program_hash
 from identification.storage.schema import read_json
 from identification.sweep.grid import Grid
 from identification.sweep.quantities import Quantity
@@ -49,7 +49,7 @@ class Plan:
         measures = [(q.name, fingerprint(q.measure)) for q in self.quantities]
         grid = self.grid
         swept = [effect(name.partition(".")[0]) for name in grid.names if "." in name]
-        by = program([*grid.cradle.composition, *swept])
+        by = program_hash([*grid.cradle.composition, *swept])
         told = [FORMAT, by, grid.cradle, grid.release, measures, self.duration, self.sample_rate]
         sums = hashlib.sha256(repr(told).encode())
         for axis in grid.axes:
@@ -144,18 +144,18 @@ class Store:
 
     def _reason(self, index: int, problem: str) -> int:
         """The number of a kind of reason, whatever the values that it names; the first point is kept as its example."""
-        kinds = [kind(reason) for _, reason in self.reasons]
-        if kind(problem) not in kinds:
+        kinds = [reason_kind(reason) for _, reason in self.reasons]
+        if reason_kind(problem) not in kinds:
             self.reasons.append((index, problem))
             self._write_plan()
             return len(kinds)
-        number = kinds.index(kind(problem))
+        number = kinds.index(reason_kind(problem))
         if index < self.reasons[number][0]:
             self.reasons[number] = (index, problem)
             self._write_plan()
         return number
 
 
-def kind(problem: str) -> str:
+def reason_kind(problem: str) -> str:
     """What a reason says, its numbers left out."""
     return _NUMBER.sub("…", problem)

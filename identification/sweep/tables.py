@@ -11,8 +11,8 @@ from typing import Any, Protocol
 import numpy as np
 
 from identification.number_format import unit_plain
-from identification.storage.files import replacing
-from identification.sweep.grid import Grid, describe
+from identification.storage.files import atomic_replacement
+from identification.sweep.grid import Grid, unit_and_symbol
 from identification.sweep.store import BLOCK, Plan
 
 ENDINGS = (".csv", ".parquet", ".nc")
@@ -50,7 +50,7 @@ def write_table(swept: Rows, path: Path) -> Path:
     """
     check_table(path)
     path.parent.mkdir(parents=True, exist_ok=True)
-    with replacing(path) as temporary:
+    with atomic_replacement(path) as temporary:
         {".csv": _write_csv, ".parquet": _write_parquet, ".nc": _write_netcdf}[path.suffix](swept, temporary)
     return path
 
@@ -61,7 +61,7 @@ def _label(name: str, unit: str) -> str:
 
 def _write_csv(swept: Rows, path: Path) -> None:
     """Numbers stand in the fewest digits that read back to the very same; nan is an empty field."""
-    header = [_label(name, describe(name)[0]) for name in swept.plan.grid.names]
+    header = [_label(name, unit_and_symbol(name)[0]) for name in swept.plan.grid.names]
     for q in swept.plan.quantities:
         columns = [f"{q.name}({t:g} s)" for t in swept.plan.times] if q.series else [q.name]
         header += [_label(name, q.unit) for name in columns]
@@ -86,7 +86,7 @@ def _write_parquet(swept: Rows, path: Path) -> None:
         return pyarrow.field(name, kind, metadata={"unit": unit})
 
     series = pyarrow.list_(pyarrow.float64(), len(plan.times))
-    fields = [field(name, pyarrow.float64(), describe(name)[0]) for name in grid.names]
+    fields = [field(name, pyarrow.float64(), unit_and_symbol(name)[0]) for name in grid.names]
     fields += [field(q.name, series if q.series else pyarrow.float64(), q.unit) for q in plan.quantities]
     schema = pyarrow.schema(
         [*fields, pyarrow.field("problem", pyarrow.string())],
@@ -116,7 +116,7 @@ def _write_netcdf(swept: Rows, path: Path) -> None:
             for name, column in axis.columns.items():
                 if name != dimension:
                     file.create_variable(name, (dimension,), "f8")[:] = column
-                file[name].attrs.update(_attributes(*describe(name)))
+                file[name].attrs.update(_attributes(*unit_and_symbol(name)))
         if any(q.series for q in plan.quantities):
             file.dimensions["time"] = len(plan.times)
             file.create_variable("time", ("time",), "f8")[:] = plan.times

@@ -42,12 +42,12 @@ def main() -> None:
     asked = parser.parse_args()
     began, results = time.process_time(), {}
     for name in NAMES:
-        results[name] = measured(name, asked.episodes, asked.grid_episodes)
+        results[name] = measure(name, asked.episodes, asked.grid_episodes)
         print(name, {method: round(float(r.mean()), 3) for method, r in results[name]["returns"].items()}, flush=True)
     if asked.ppo:
-        from studies.baselines.ppo import trained
+        from studies.baselines.ppo import train
 
-        agents = [play(_LEARNED_ON, trained(_LEARNED_ON, asked.ppo, seed), asked.episodes, HELD_OUT).mean()
+        agents = [play(_LEARNED_ON, train(_LEARNED_ON, asked.ppo, seed), asked.episodes, HELD_OUT).mean()
                   for seed in range(_AGENTS)]  # fmt: skip
         results[_LEARNED_ON]["returns"]["PPO"] = np.array(agents)
     asked.out.mkdir(parents=True, exist_ok=True)
@@ -57,7 +57,7 @@ def main() -> None:
     print((asked.out / "results.md").read_text(encoding="utf-8"))
 
 
-def measured(name: str, episodes: int, grid_episodes: int) -> dict[str, Any]:
+def measure(name: str, episodes: int, grid_episodes: int) -> dict[str, Any]:
     """Returns of the methods, each (episodes,), and those of the grid: δ (21,), returns (21, grid_episodes)."""
     settings = gym.make(name).unwrapped.settings  # type: ignore[attr-defined]
     angles = (-1.0, 0.0, 1.0) if "release_angle" in settings.actions else (0.0,)

@@ -14,7 +14,7 @@ from studies.baselines.policies import Policy
 _CRADLES = 16
 
 
-def trained(name: str, steps: int, seed: int) -> Policy:
+def train(name: str, steps: int, seed: int) -> Policy:
     """What an agent does that has learned from `steps` control intervals, without exploring."""
     torch.set_num_threads(1)
     cradles = VecNormalize(CradleVecEnv(name, _CRADLES))

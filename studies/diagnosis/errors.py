@@ -17,53 +17,53 @@ from pathlib import Path
 
 import numpy as np
 
-from studies.diagnosis.rows import Row, confounded, kind, rows_of
-from studies.diagnosis.study import Apparatus, Case, at_the_truth, cases, held_out, refitted_right
+from studies.diagnosis.rows import Row, is_confounded, kind, read_rows
+from studies.diagnosis.study import Apparatus, Case, cases, fit_at_truth, is_held_out, refit_right_model
 from tests.reference.laboratory import correlated_noise, drop_frames
 
 ROWS = Path(__file__).parents[2] / "docs" / "study_errors.jsonl"
 #: How often each apparatus is filmed again.
-AGAIN = 4
+REPETITIONS = 4
 
 
-def chosen(rows: list[Row]) -> list[Row]:
+def choose_rows(rows: list[Row]) -> list[Row]:
     """Those of a study that are filmed again."""
     return [
         row for row in rows
-        if held_out(row["case"]) and kind(row) in ("one effect", "two effects")
-        and row["bobs"] <= 3 and not row["variant"] and not confounded(row)
+        if is_held_out(row["case"]) and kind(row) in ("one effect", "two effects")
+        and row["bobs"] <= 3 and not row["variant"] and not is_confounded(row)
     ]  # fmt: skip
 
 
-def again(case: Case, strengths: list[float]) -> list[Row]:
+def film_again(case: Case, strengths: list[float]) -> list[Row]:
     """Errors over their standard deviations, and intervals, of one apparatus filmed again."""
-    from identification.bench.diagnosis import errors
+    from identification.bench.diagnosis import parameter_errors
     from identification.diagnosis.uncertainty.intervals import compute_intervals
 
     apparatus = Apparatus(case)
     clean, frames = apparatus.record(strengths, False), apparatus.settings.correlation_time(apparatus.rate)
     hidden, found = {kind.name for kind in case.kinds}, []
-    for k in range(AGAIN):
-        rng = np.random.default_rng([case.seed, k, AGAIN])
+    for k in range(REPETITIONS):
+        rng = np.random.default_rng([case.seed, k, REPETITIONS])
         noise = apparatus.noise * correlated_noise(clean.readings.shape, frames * apparatus.rate, rng)
         filmed = replace(clean, readings=clean.readings + noise, noise=apparatus.noise)
         apparatus.lifted = apparatus.angle + 1e-3 * float(rng.standard_normal())
         with tempfile.TemporaryDirectory() as folder:
             seed = int(rng.integers(2**31))
             path = apparatus.write(Path(folder), drop_frames(filmed, apparatus.settings.missing, seed))
-            searcher, base = at_the_truth(path, apparatus.truth)
-            fitted = searcher.fit_all_data(refitted_right(apparatus, strengths, searcher, base))
+            searcher, base = fit_at_truth(path, apparatus.truth)
+            fitted = searcher.fit_all_data(refit_right_model(apparatus, strengths, searcher, base))
         known = {name: {"median": one.median, "ci95": one.ci95} for name, one in compute_intervals(fitted).items()}
         found.append({
-            "case": case.name, "again": k, "bobs": apparatus.bobs, "errors": errors(known, apparatus.truth),
+            "case": case.name, "again": k, "bobs": apparatus.bobs, "errors": parameter_errors(known, apparatus.truth),
             "intervals": {name: one for name, one in known.items() if name.partition(".")[0] in hidden},
             "made by": apparatus.effects(strengths),
         })  # fmt: skip
     return found
 
 
-def _again(asked: tuple[Case, list[float]]) -> list[Row]:
-    return again(*asked)
+def _film_again(asked: tuple[Case, list[float]]) -> list[Row]:
+    return film_again(*asked)
 
 
 def main() -> None:
@@ -73,12 +73,12 @@ def main() -> None:
     parser = argparse.ArgumentParser(description="Errors of right models.")
     parser.add_argument("--processes", type=int, default=2)
     processes = parser.parse_args().processes
-    done = {row["case"] for row in rows_of(ROWS)}
-    by_name = {row["case"]: row for row in chosen(rows_of(STUDY)) if row["case"] not in done}
+    done = {row["case"] for row in read_rows(ROWS)}
+    by_name = {row["case"]: row for row in choose_rows(read_rows(STUDY)) if row["case"] not in done}
     several = cases(sorted({int(name.partition("-")[0]) for name in by_name})) if by_name else []
     asked = [(case, by_name[case.name]["strengths"]) for case in several if case.name in by_name]
     with multiprocessing.get_context("spawn").Pool(processes) as pool:
-        for i, rows in enumerate(pool.imap_unordered(_again, asked), 1):
+        for i, rows in enumerate(pool.imap_unordered(_film_again, asked), 1):
             with ROWS.open("a", encoding="utf-8") as file:
                 file.writelines(json.dumps(row) + "\n" for row in rows)
             print(f"{i} of {len(asked)}: {rows[0]['case']} {[row['errors'] for row in rows]}", flush=True)

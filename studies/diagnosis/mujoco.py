@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from identification.bench.diagnosis import judged, table
+from identification.bench.diagnosis import diagnose_case, markdown_table
 from identification.storage.files import json_text, write_together
 
 LENGTH, MASS, STEP = 0.30, 0.2813, 2e-4
@@ -72,11 +72,11 @@ def main() -> None:
         case = chosen.folder / f"{seed:02d}"
         if not (case / "result.json").is_file():
             answer = write(case, seed)
-            row = judged(case / "experiment.toml", case / "out", answer, 0, None)
+            row = diagnose_case(case / "experiment.toml", case / "out", answer, 0, None)
             hidden = f"{'friction' if answer['tau_c'] else 'nothing'} {answer['tau_c']:.1e} N m, {answer['noise']} rad"
             write_together(case, {"result.json": json_text({"case": hidden, **row})})
         rows.append(json.loads((case / "result.json").read_text(encoding="utf-8")))
-        write_together(chosen.folder, {"study.md": table(rows)})
+        write_together(chosen.folder, {"study.md": markdown_table(rows)})
         print(rows[-1]["case"], rows[-1]["verdict"], rows[-1]["named"], rows[-1]["errors"], flush=True)
 
 

@@ -16,7 +16,7 @@ CONFOUNDED = 2.0
 Row = dict
 
 
-def rows_of(path: Path) -> list[Row]:
+def read_rows(path: Path) -> list[Row]:
     """The rows of a file, one a line; none where there is no file."""
     return [json.loads(line) for line in path.read_text(encoding="utf-8").splitlines()] if path.is_file() else []
 
@@ -26,18 +26,18 @@ def kind(row: Row) -> str:
     return KINDS[3] if row["hidden"] == ["?"] else KINDS[len(row["hidden"])]
 
 
-def confounded(row: Row) -> bool:
+def is_confounded(row: Row) -> bool:
     """Whether the right model leaves more than it should, for the reference's impacts take some time. What it leaves of
     a variant is told from that by the same experiment made by the formula."""
     return row.get("formula leaves", row.get("right leaves", 0.0)) > CONFOUNDED
 
 
-def reported(row: Row) -> set[str]:
+def reported_names(row: Row) -> set[str]:
     """Every name that a diagnosis mentions."""
     return {*row["named"], *(name for names in row["one of"] for name in names)}
 
 
-def first(row: Row) -> bool:
+def comes_first(row: Row) -> bool:
     """Whether what is hidden is the first name; of those that are the same in all data, one of them is, and it is
     mentioned."""
     hidden, listed = row["hidden"][0], [*row["named"], *(name for names in row["one of"] for name in names)]
@@ -45,12 +45,12 @@ def first(row: Row) -> bool:
     return bool(listed) and listed[0] in same
 
 
-def exact(row: Row) -> bool:
+def is_exact(row: Row) -> bool:
     """Whether a verdict is right, and mentions all that is the same in all data as what is hidden alone."""
-    return bool(row["right"]) and (set(row["hidden"]).isdisjoint(SAME) or reported(row) >= SYMMETRIC)
+    return bool(row["right"]) and (set(row["hidden"]).isdisjoint(SAME) or reported_names(row) >= SYMMETRIC)
 
 
-def inside(row: Row) -> list[bool]:
+def values_covered(row: Row) -> list[bool]:
     """Of every value of the effects hidden, whether its interval holds it; where the row has both."""
     found = []
     for address, interval in row.get("intervals", {}).items():
@@ -64,7 +64,7 @@ def inside(row: Row) -> list[bool]:
     return found
 
 
-def below(row: Row) -> str:
+def below_detection_limit(row: Row) -> str:
     """Whether what is hidden is weaker than the limit up to which the diagnosis says that the data may hide it."""
     for entry in row.get("unseen", ()):
         value = np.atleast_1d(row["made by"].get(entry["effect"], {}).get(entry["parameter"], ()))
@@ -76,7 +76,7 @@ def below(row: Row) -> str:
     return ""
 
 
-def of_the_right_model(rows: list[Row]) -> list[Row]:
+def rightly_named(rows: list[Row]) -> list[Row]:
     """The cases that are right and whose parameters are those of the right model: of equals they are the first's."""
     return [
         row

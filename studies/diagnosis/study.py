@@ -114,7 +114,7 @@ class Case:
     seed: int
 
 
-def held_out(name: str) -> bool:
+def is_held_out(name: str) -> bool:
     """Whether nothing was chosen by the case of this name."""
     return int(name.partition("-")[0]) >= HELD_OUT
 
@@ -153,7 +153,7 @@ class Settings:
     correlation: float
 
     @classmethod
-    def drawn(cls, rng: np.random.Generator) -> Settings:
+    def draw(cls, rng: np.random.Generator) -> Settings:
         """Each by itself, but that correlated noise is stated: the readings alone make it look smaller than it is."""
         start, stated = str(rng.choice(["unstretched", "hanging"])), bool(rng.random() < 0.75)
         missing, correlated = rng.random() < 0.25, stated and rng.random() < 1.0 / 6.0
@@ -190,7 +190,7 @@ class Apparatus:
         self.patterns = [rng.standard_normal({"bob": self.bobs, "gap": self.bobs - 1}.get(kind.each, 1))
                          for kind in case.kinds]  # fmt: skip
         self.pair = int(rng.integers(1, self.bobs)) if self.bobs > 1 else 1
-        self.settings = Settings.drawn(rng)
+        self.settings = Settings.draw(rng)
         names = {kind.name for kind in case.kinds}
         #: Whether what is hidden is a force that the catalogue does not have.
         self.in_no_catalogue = bool(case.kinds) and case.kinds[0] in UNKNOWNS
@@ -317,11 +317,11 @@ class Oracle:
         for i in np.argsort(self._left(moved))[:_REFITTED]:
             candidate, sensed, _ = self.wrong[i]
             likely = [sensed.values(np.linalg.lstsq(self.fitted.project(sensed.S), -moved)[0])]
-            nearest = _nearer(nearest, searcher, base, candidate, base, likely)
+            nearest = _better_fit(nearest, searcher, base, candidate, base, likely)
         if self.apparatus.in_no_catalogue and nearest.chi2 > self.apparatus.case.target:
             first, replicates = nearest, np.zeros((len(nearest.residuals), 1))
             for s in score(first, replicates).scores[:_REFITTED]:
-                nearest = _nearer(nearest, searcher, first, s.candidate, first, s.likely)
+                nearest = _better_fit(nearest, searcher, first, s.candidate, first, s.likely)
         return nearest.chi2
 
     def right_leaves(self, strengths: list[float], exact: bool = False) -> float:
@@ -331,29 +331,29 @@ class Oracle:
 
     def _refit_right(self, strengths: tuple[float, ...], exact: bool = False):
         searcher, base = self._true(self._record([*strengths], exact))
-        return refitted_right(self.apparatus, [*strengths], searcher, base)
+        return refit_right_model(self.apparatus, [*strengths], searcher, base)
 
     def _record(self, strengths: list[float], exact: bool = False) -> Recording:
         """As the experiment's, at fewer frames that tell as much: for the cost of it."""
         return self.apparatus.record(strengths, False, _ORACLE_RATE, exact)
 
     def _true(self, recording: Recording):
-        return at_the_truth(self.apparatus.write(self.scratch, recording, self.noise), self.apparatus.truth)
+        return fit_at_truth(self.apparatus.write(self.scratch, recording, self.noise), self.apparatus.truth)
 
 
-def at_the_truth(path: Path, truth: dict[str, float]):
+def fit_at_truth(path: Path, truth: dict[str, float]):
     """A search over an experiment, and its base model at the true values."""
     from identification.diagnosis.selection.search import FitCache, Searcher
     from identification.experiment.experiment import Experiment
-    from identification.inference.fit_result import Fitted, with_known_noise
-    from identification.inference.start_points import placed
+    from identification.inference.fit_result import FitResult, with_known_noise
+    from identification.inference.start_points import point_at
 
     searcher = Searcher(FitCache(None, ""), 0, 1)
     likelihood = searcher.likelihood(with_known_noise(Experiment.load(path)))
-    return searcher, Fitted(likelihood, placed(likelihood, truth))
+    return searcher, FitResult(likelihood, point_at(likelihood, truth))
 
 
-def refitted_right(apparatus: Apparatus, strengths: list[float], searcher, base):
+def refit_right_model(apparatus: Apparatus, strengths: list[float], searcher, base):
     """The right model, refitted from the truth."""
     from cradle_env.effects import effect
     from identification.diagnosis.selection.candidates import with_effects
@@ -365,7 +365,7 @@ def refitted_right(apparatus: Apparatus, strengths: list[float], searcher, base)
     return searcher.fit_from_values(with_effects(base.experiment, truth), base.values)
 
 
-def _nearer(nearest, searcher, base, candidate, beside, likely):
+def _better_fit(nearest, searcher, base, candidate, beside, likely):
     """The nearer to the data of a fit and of a model with a candidate added."""
     try:
         return min(
@@ -375,7 +375,7 @@ def _nearer(nearest, searcher, base, candidate, beside, likely):
         return nearest
 
 
-def strengths_for(apparatus: Apparatus, oracle: Oracle) -> list[float]:
+def find_strengths(apparatus: Apparatus, oracle: Oracle) -> list[float]:
     """Strengths at which what is hidden leaves the Δχ² that the case asks; of two, each alone."""
     case, found = apparatus.case, []
     for i, kind in enumerate(case.kinds):
@@ -403,7 +403,7 @@ def hide(apparatus: Apparatus, scratch: Path) -> dict:
     if not apparatus.case.kinds:
         return {"oracle": 0.0, "strengths": []}
     oracle = Oracle(apparatus, scratch)
-    strengths = strengths_for(apparatus, oracle)
+    strengths = find_strengths(apparatus, oracle)
     variant = apparatus.case.variant
     found = {"oracle": round(oracle.delta(strengths), 1), "strengths": strengths,
              "made by": apparatus.effects(strengths, variant)}  # fmt: skip
@@ -431,7 +431,7 @@ def run(case: Case, folder: Path) -> None:
     out = folder / case.name
     commit, apparatus = _commit(), Apparatus(case)
     row = {
-        "case": case.name, "held_out": held_out(case.name), "bobs": apparatus.bobs, "noise": apparatus.noise,
+        "case": case.name, "held_out": is_held_out(case.name), "bobs": apparatus.bobs, "noise": apparatus.noise,
         "rate": apparatus.rate, "settings": asdict(apparatus.settings), "target": case.target,
         "variant": case.variant, **hide(apparatus, out / "clean"), "commit": commit,
     }  # fmt: skip
@@ -440,7 +440,7 @@ def run(case: Case, folder: Path) -> None:
     answer = {"effects": names, "truth": apparatus.truth}
     began = time.process_time()
     try:
-        row |= judged(path, out / "out", answer)
+        row |= diagnose_case(path, out / "out", answer)
     except Exception as problem:  # a crash is a miss, to be listed as such
         row |= {"hidden": answer["effects"], "verdict": f"crashed: {problem!r}", "named": [], "one of": [],
                 "gap after": None, "right": False, "errors": {}, "trace": traceback.format_exc(),
@@ -455,7 +455,7 @@ def run(case: Case, folder: Path) -> None:
           f"{row['one of']} {row['seconds']} s  {'' if row['right'] else 'NOT RIGHT'}", flush=True)  # fmt: skip
 
 
-def judged(path: Path, out: Path, answer: dict) -> dict:
+def diagnose_case(path: Path, out: Path, answer: dict) -> dict:
     """The diagnosis of a case; margin: what χ² the best wrong model leaves over that of the right one, both refitted
     to these very data. No advice is asked for, nor a report: nothing judges them here. Its seconds are those of the
     processor: a study shares its machine."""

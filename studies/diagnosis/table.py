@@ -17,21 +17,21 @@ from pathlib import Path
 
 import numpy as np
 
-from studies.diagnosis.errors import AGAIN, chosen
+from studies.diagnosis.errors import REPETITIONS, choose_rows
 from studies.diagnosis.errors import ROWS as AGAIN_ROWS
 from studies.diagnosis.rows import (
     CONFOUNDED,
     KINDS,
     Row,
-    below,
-    confounded,
-    exact,
-    first,
-    inside,
+    below_detection_limit,
+    comes_first,
+    is_confounded,
+    is_exact,
     kind,
-    of_the_right_model,
-    reported,
-    rows_of,
+    read_rows,
+    reported_names,
+    rightly_named,
+    values_covered,
 )
 from studies.diagnosis.study import EARLIER, HELD_OUT, LATEST, ROUNDS, STIFFENED, Apparatus, cases
 
@@ -96,12 +96,12 @@ shapes: 311 of the values of N = 2 lay within before.
 """
 
 
-def share(rows: Iterable[Row], test: Callable[[Row], bool]) -> str:
+def format_share(rows: Iterable[Row], test: Callable[[Row], bool]) -> str:
     """ "k of n (95 % interval of the share)"."""
-    return _part([test(row) for row in rows])
+    return _format_share([test(row) for row in rows])
 
 
-def _part(found: list[bool]) -> str:
+def _format_share(found: list[bool]) -> str:
     """How many hold, as `share` says it."""
     if not found:
         return "–"
@@ -120,34 +120,39 @@ def table(header: Iterable[str], lines: Iterable[Iterable[object]]) -> list[str]
 def summary(rows: list[Row]) -> dict[str, str]:
     """Shares of some cases, by what they are of."""
     nulls, singles, pairs, unknown = ([row for row in rows if kind(row) == name] for name in KINDS)
-    found = {"nothing hidden: found something (≤ 5 %)": share(nulls, lambda r: r["verdict"] != "nothing_missing")}
+    found = {
+        "nothing hidden: found something (≤ 5 %)": format_share(nulls, lambda r: r["verdict"] != "nothing_missing")
+    }
     for low, high, name in BINS:
         some = [row for row in singles if low <= row["oracle"] < high]
         promise = " (≥ 90 %)" if low >= BINS[1][0] else ""
         found |= {
-            f"one effect, Δχ² {name}: it comes first{promise}": share(some, first),
+            f"one effect, Δχ² {name}: it comes first{promise}": format_share(some, comes_first),
             f"one effect, Δχ² {name}: it is in the reported set (≥ 98 %)":
-                share(some, lambda r: r["hidden"][0] in reported(r)),
-            f"one effect, Δχ² {name}: exactly right, and all that is the same is mentioned": share(some, exact),
+                format_share(some, lambda r: r["hidden"][0] in reported_names(r)),
+            f"one effect, Δχ² {name}: exactly right, and all that is the same is mentioned":
+                format_share(some, is_exact),
         }  # fmt: skip
     varied = [row for row in singles if row["variant"] and row["oracle"] >= BINS[1][0]]
-    sizes = Counter(max(1, len(row["one of"])) for row in singles if exact(row))
-    good = [row for row in rows if kind(row) in ("one effect", "two effects") and exact(row)]
-    values = [value for row in good if not row["variant"] for value in inside(row)]
+    sizes = Counter(max(1, len(row["one of"])) for row in singles if is_exact(row))
+    good = [row for row in rows if kind(row) in ("one effect", "two effects") and is_exact(row)]
+    values = [value for row in good if not row["variant"] for value in values_covered(row)]
     seconds = np.array([row["seconds"] for row in rows])
     return found | {
-        "of these from 35 on, by an apparatus that differs from the formula: it comes first": share(varied, first),
+        "of these from 35 on, by an apparatus that differs from the formula: it comes first": format_share(
+            varied, comes_first
+        ),
         "one effect, exactly right: so many sets reported": ", ".join(f"{k}: {sizes[k]}" for k in sorted(sizes)),
-        "two effects: both named (≥ 70 %)": share(pairs, lambda r: set(r["hidden"]) <= reported(r)),
-        "in no catalogue: unknown (≥ 80 %)": share(unknown, lambda r: r["verdict"] == "unknown"),
-        "in no catalogue: a wrong name (≤ 5 %)": share(unknown, lambda r: bool(reported(r))),
-        "named rightly: held-out gap ≤ 1.05 (all)": share(good, lambda r: r["gap after"] <= 1.05),
-        "named rightly: values of what is hidden within their 95 % intervals": _part(values),
+        "two effects: both named (≥ 70 %)": format_share(pairs, lambda r: set(r["hidden"]) <= reported_names(r)),
+        "in no catalogue: unknown (≥ 80 %)": format_share(unknown, lambda r: r["verdict"] == "unknown"),
+        "in no catalogue: a wrong name (≤ 5 %)": format_share(unknown, lambda r: bool(reported_names(r))),
+        "named rightly: held-out gap ≤ 1.05 (all)": format_share(good, lambda r: r["gap after"] <= 1.05),
+        "named rightly: values of what is hidden within their 95 % intervals": _format_share(values),
         "seconds of one core a case, without advice: median, largest": f"{np.median(seconds):.0f}, {seconds.max():.0f}",
     }
 
 
-def errors(parts: dict[str, list[Row]]) -> list[str]:
+def errors_table(parts: dict[str, list[Row]]) -> list[str]:
     """Errors of k_f, κ and b over their standard deviations, where the verdict is right."""
     groups = {
         "nothing hidden": lambda r: not r["hidden"],
@@ -158,7 +163,7 @@ def errors(parts: dict[str, list[Row]]) -> list[str]:
     for (part, rows), (group, test), (bobs, some) in itertools.product(
         parts.items(), groups.items(), (("N ≤ 3", {1, 2, 3}), ("N = 5", {5}))
     ):
-        own = [row["errors"] for row in of_the_right_model(rows) if row["bobs"] in some and test(row)]
+        own = [row["errors"] for row in rightly_named(rows) if row["bobs"] in some and test(row)]
         cells = [_spread([one[key] for one in own if key in one]) for key in _UNKNOWNS]
         if set(cells) != {"–"}:
             lines.append((part, group, bobs, *cells))
@@ -175,7 +180,7 @@ def filmed_again(rows: list[Row]) -> list[str]:
     """The same of right models that no verdict chose, and whether intervals hold what is hidden."""
     lines = [
         (f"N = {bobs}", *(_spread([row["errors"][key] for row in own if key in row["errors"]]) for key in _UNKNOWNS),
-         _part([value for row in own for value in inside(row)]))
+         _format_share([value for row in own for value in values_covered(row)]))
         for bobs in (1, 2, 3) if (own := [row for row in rows if row["bobs"] == bobs])
     ]  # fmt: skip
     return table(("", "k_f", "κ", "b", "values of what is hidden within their 95 % intervals"), lines)
@@ -188,8 +193,8 @@ def by_effect(rows: list[Row]) -> list[str]:
     for name in sorted({row["hidden"][0] for row in singles}):
         own = [row for row in singles if row["hidden"][0] == name]
         strong = [row for row in own if row["oracle"] >= BINS[1][0]]
-        lines.append((f"`{name}`", len(own), len(strong), sum(map(first, strong)),
-                      sum(name in reported(row) for row in strong)))  # fmt: skip
+        lines.append((f"`{name}`", len(own), len(strong), sum(map(comes_first, strong)),
+                      sum(name in reported_names(row) for row in strong)))  # fmt: skip
     return table(("hidden", "cases", "with Δχ² ≥ 35", "of these first", "in the set"), lines)
 
 
@@ -208,7 +213,9 @@ def by_setting(rows: list[Row]) -> list[str]:
         some = [row for row in rows if test(row["settings"])]
         nulls = [row for row in some if kind(row) == "nothing hidden"]
         strong = [row for row in some if kind(row) == "one effect" and row["oracle"] >= BINS[1][0]]
-        lines.append((name, share(nulls, lambda r: r["verdict"] != "nothing_missing"), share(strong, first)))
+        lines.append(
+            (name, format_share(nulls, lambda r: r["verdict"] != "nothing_missing"), format_share(strong, comes_first))
+        )
     return table(("", "nothing hidden: found something", "one effect, Δχ² ≥ 35: it comes first"), lines)
 
 
@@ -223,7 +230,7 @@ def _planned(part: str) -> Counter[tuple[str, int]]:
     return found
 
 
-def done(parts: dict[str, list[Row]]) -> list[str]:
+def progress_table(parts: dict[str, list[Row]]) -> list[str]:
     """How much of the study is done."""
     lines = []
     for part, rows in parts.items():
@@ -236,19 +243,19 @@ def done(parts: dict[str, list[Row]]) -> list[str]:
     return table(("", "", "N = 1", "2", "3", "5", "all"), lines)
 
 
-def misses(rows: list[Row]) -> list[str]:
+def misses_table(rows: list[Row]) -> list[str]:
     """Every case that is not right. margin: the Δχ² of the fits to these very data; errors of k_f, κ and b."""
     lines = []
     for row in rows:
-        if not exact(row):
+        if not is_exact(row):
             off = ", ".join(f"{row['errors'][key]:+.1f}" for key in _UNKNOWNS if key in row["errors"])
-            lines.append((*_what(row), row.get("margin", ""), row["verdict"], _found(row), off, below(row),
-                          row.get("reason", "")))  # fmt: skip
+            lines.append((*_what(row), row.get("margin", ""), row["verdict"], _found(row), off,
+                          below_detection_limit(row), row.get("reason", "")))  # fmt: skip
     header = (*_WHAT, "margin", "verdict", "found", "errors", "below limit", "reason")
     return table(header, lines)
 
 
-def apart(rows: list[Row]) -> list[str]:
+def confounded_table(rows: list[Row]) -> list[str]:
     """The cases that count nowhere."""
     return table(
         (*_WHAT, "the right model leaves", "verdict", "found"),
@@ -271,10 +278,10 @@ def _found(row: Row) -> str:
     return ", ".join(row["named"]) + (" + one of " if row["named"] and several else "") + several
 
 
-def far_off(rows: list[Row]) -> list[str]:
+def large_errors_table(rows: list[Row]) -> list[str]:
     """Every unknown of the right model beyond 3 of its standard deviations."""
     lines = []
-    for row in of_the_right_model(rows):
+    for row in rightly_named(rows):
         for key, error in row["errors"].items():
             if abs(error) > 3.0:
                 case, _, *what = _what(row)
@@ -283,7 +290,7 @@ def far_off(rows: list[Row]) -> list[str]:
     return table(("case", "N", "noise", "Δχ²", "unknown", "error over its sd", "reason"), lines)
 
 
-def loaded(path: Path) -> Row:
+def load_row(path: Path) -> Row:
     """The row of a case; with the reason of a miss that its data explain."""
     row = json.loads(path.read_text(encoding="utf-8"))
     details = path.parent / "out" / "diagnosis.json"
@@ -294,53 +301,53 @@ def loaded(path: Path) -> Row:
     return row
 
 
-def _parted(rows: list[Row]) -> dict[str, list[Row]]:
+def _split_by_part(rows: list[Row]) -> dict[str, list[Row]]:
     """The cases by PARTS."""
     rounds = {row["case"]: int(row["case"].partition("-")[0]) for row in rows}
     return {name: [row for row in rows if rounds[row["case"]] in own] for name, own in PARTS.items()}
 
 
-def text(rows: list[Row], again: list[Row]) -> str:
+def render_page(rows: list[Row], again: list[Row]) -> str:
     """The whole page. again: the rows of `study_errors`."""
-    counted = [row for row in rows if not confounded(row)]
-    parts = _parted(counted)
+    counted = [row for row in rows if not is_confounded(row)]
+    parts = _split_by_part(counted)
     shares = [summary(some) if some else {} for some in parts.values()]
     lines = ((name, *(one.get(name, "–") for one in shares)) for name in next(filter(None, shares)))
     commits = ", ".join(f"{n} by {commit}" for commit, n in Counter(row["commit"] for row in rows).most_common())
     page = [HEAD, *table(("", *(f"{name}: {len(some)} cases" for name, some in parts.items())), lines)]
     page += ["Errors of the unknowns over their standard deviations, where the verdict is right: mean (≤ 0.2), rms",
-             "(0.8 to 1.25), and in brackets of how many.\n", *errors(parts)]  # fmt: skip
+             "(0.8 to 1.25), and in brackets of how many.\n", *errors_table(parts)]  # fmt: skip
     if again:
-        several = f"{len({row['case'] for row in again})} of {len(chosen(rows))} so far"
-        page += [FILMED_AGAIN.format(several=several, again=AGAIN), *filmed_again(again)]
+        several = f"{len({row['case'] for row in again})} of {len(choose_rows(rows))} so far"
+        page += [FILMED_AGAIN.format(several=several, again=REPETITIONS), *filmed_again(again)]
     held = [row for name in HELD for row in parts[name]]
     if held:
         page += ["By how the held-out experiments were filmed and described.\n", *by_setting(held)]
     page += ["By effect, all cases.\n", *by_effect(counted)]
     page += ["Done of planned. No more of those looked at are to be judged.\n",
-             *done(_parted(rows)), f"Cases by the commit that judged them: {commits}.\n"]  # fmt: skip
+             *progress_table(_split_by_part(rows)), f"Cases by the commit that judged them: {commits}.\n"]  # fmt: skip
     page += ["## Every miss\n",
              "Margin: what Δχ² came to in these very data, where the right effect was refitted. Errors: of k_f, κ and",
              "b over their standard deviations, in the last model (of one bob: κ and b). Below limit: whether what is",
              "hidden is weaker than what the diagnosis says these data may hide, where the row has it.\n"]  # fmt: skip
     for name, some in parts.items():
-        page += [f"{name.capitalize()}:\n", *misses(some)] if not all(map(exact, some)) else []
-    page += ["## Errors beyond 3 standard deviations where the verdict is right\n", *far_off(counted)]
+        page += [f"{name.capitalize()}:\n", *misses_table(some)] if not all(map(is_exact, some)) else []
+    page += ["## Errors beyond 3 standard deviations where the verdict is right\n", *large_errors_table(counted)]
     if len(counted) < len(rows):
         page += [f"## Counted nowhere: the right model itself leaves a χ² of more than {CONFOUNDED:g}\n",
-                 *apart([row for row in rows if confounded(row)])]  # fmt: skip
+                 *confounded_table([row for row in rows if is_confounded(row)])]  # fmt: skip
     return "\n".join(page)
 
 
 def main() -> None:
     """Adds the cases of a folder to those kept, and writes the page anew."""
-    rows = {row["case"]: row for row in rows_of(ROWS)}
-    for row in map(loaded, Path(sys.argv[1]).glob("*/result.json")):
+    rows = {row["case"]: row for row in read_rows(ROWS)}
+    for row in map(load_row, Path(sys.argv[1]).glob("*/result.json")):
         known = {key: value for key, value in rows.get(row["case"], {}).items() if key == "reason"}
         rows[row["case"]] = {**known, **row}  # a reason may have been found since
     kept = [rows[case] for case in sorted(rows)]
     ROWS.write_text("".join(json.dumps(row) + "\n" for row in kept), encoding="utf-8")
-    PAGE.write_text(text(kept, rows_of(AGAIN_ROWS)), encoding="utf-8")
+    PAGE.write_text(render_page(kept, read_rows(AGAIN_ROWS)), encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -39,7 +39,7 @@ def main() -> int:
     asked = parser.parse_args()
     began, broken, rows = time.monotonic(), [], []
 
-    def tell(text: str) -> None:
+    def report(text: str) -> None:
         print(f"{time.monotonic() - began:6.0f} s  {text}", flush=True)
 
     def write() -> None:
@@ -49,8 +49,8 @@ def main() -> int:
         sound, scratch = Path(folder) / "sound", Path(folder) / "scratch"
         scratch.mkdir()
         with contextlib.redirect_stdout(None):
-            files.make_sound(sound)
-        counts, found = files.fuzz(asked.files, asked.seed, sound, scratch, tell) if asked.files else ({}, [])
+            files.make_valid_files(sound)
+        counts, found = files.fuzz(asked.files, asked.seed, sound, scratch, report) if asked.files else ({}, [])
         broken += found
         for name, count in counts.items():
             told = f"{count['read']} read, {count['refused']} refused"
@@ -61,10 +61,10 @@ def main() -> int:
             broken += found
             told = f"{tally.finished} ended as without kills ({tally.seconds:.0f} s each)"
             rows.append((f"kill -9 of {name}", tally.killed, told, len(found)))
-            tell(f"{name}: {tally}, {len(found)} broken")
+            report(f"{name}: {tally}, {len(found)} broken")
             write()
     if asked.cradles:
-        count, found, deafest = cradles.fuzz(asked.cradles, asked.seed, tell)
+        count, found, deafest = cradles.fuzz(asked.cradles, asked.seed, report)
         broken += found
         told = ", ".join(f"{count[kind]} {kind}" for kind in ("ran", "refused", "stopped", "interrupted"))
         rows.append(

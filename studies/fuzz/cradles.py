@@ -158,7 +158,7 @@ def _overlap(run: Trajectory) -> tuple[float, float]:
     return float(-gaps.min()) / cradle.radius, _OVERLAP + (2.0 * soft + rounding) / cradle.radius
 
 
-def fuzz(count: int, seed: int, tell: Callable[[str], None]) -> tuple[Counter[str], list[str], float]:
+def fuzz(count: int, seed: int, report: Callable[[str], None]) -> tuple[Counter[str], list[str], float]:
     """How many of `count` random cradles ended how, what was broken, and the longest deafness to Ctrl-C [s]."""
     simulate(Cradle(bobs=2), Release(0.2), 0.1)  # compiles
     counts, broken, deafest = Counter(), [], 0.0
@@ -171,7 +171,7 @@ def fuzz(count: int, seed: int, tell: Callable[[str], None]) -> tuple[Counter[st
             broken.append(f"cradle {k}: deaf to Ctrl-C for {outcome.deafest:.1f} s")
         deafest = max(deafest, outcome.deafest)
         if k % 50 == 49:
-            tell(f"{k + 1} of {count} cradles: {dict(counts)}")
+            report(f"{k + 1} of {count} cradles: {dict(counts)}")
     return counts, broken, deafest
 
 

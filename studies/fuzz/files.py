@@ -46,7 +46,7 @@ class Kind:
     read: Callable[[Path], Any]
 
 
-def bend_text(path: Path, rng: np.random.Generator) -> None:
+def corrupt_text(path: Path, rng: np.random.Generator) -> None:
     """Changes a text in one to three places: a line, a word, a number, a few bytes."""
     data = path.read_bytes()
     for _ in range(rng.integers(1, 4)):
@@ -77,7 +77,7 @@ def bend_text(path: Path, rng: np.random.Generator) -> None:
     path.write_bytes(data)
 
 
-def bend_hdf5(path: Path, rng: np.random.Generator) -> None:
+def corrupt_hdf5(path: Path, rng: np.random.Generator) -> None:
     """Changes an HDF5 file: its bytes, or a member or attribute of it, which goes, or becomes another kind of thing."""
     if rng.random() < 0.2:
         data = bytearray(path.read_bytes())
@@ -98,12 +98,12 @@ def bend_hdf5(path: Path, rng: np.random.Generator) -> None:
             attributes = [*file[name].attrs] if rng.random() < 0.8 else [*file.attrs]
             if attributes and rng.random() < 0.6:
                 holder = file[name] if attributes[0] in file[name].attrs else file
-                _bend_attribute(holder, attributes[int(rng.integers(len(attributes)))], rng)
+                _corrupt_attribute(holder, attributes[int(rng.integers(len(attributes)))], rng)
             else:
-                _bend_member(file, name, rng)
+                _corrupt_member(file, name, rng)
 
 
-def _bend_attribute(holder: Any, name: str, rng: np.random.Generator) -> None:
+def _corrupt_attribute(holder: Any, name: str, rng: np.random.Generator) -> None:
     value = holder.attrs[name]
     way = rng.integers(4)
     if way == 0 or name in ("DIMENSION_LIST", "REFERENCE_LIST"):
@@ -146,7 +146,7 @@ def _odd_json(rng: np.random.Generator) -> Any:
     return odd[int(rng.integers(len(odd)))]
 
 
-def _bend_member(file: h5py.File, name: str, rng: np.random.Generator) -> None:
+def _corrupt_member(file: h5py.File, name: str, rng: np.random.Generator) -> None:
     is_data = isinstance(file[name], h5py.Dataset)
     shape = file[name].shape if is_data else ()
     del file[name]
@@ -192,16 +192,16 @@ def kinds(sound: Path) -> dict[str, Kind]:
         Cradle(bobs=2, model=base, effects=effects)
 
     return {
-        "experiment.toml": Kind("experiment.toml", bend_text, Experiment.load),
-        "data": Kind("run1.csv", bend_text, lambda path: Experiment.load(path.with_name("experiment.toml"))),
-        "model.toml": Kind("model.toml", bend_text, read_model_file),
-        "posterior.nc": Kind("posterior.nc", bend_hdf5, _read_posterior),
-        "chain.h5": Kind("chain.h5", bend_hdf5, read_chain),
+        "experiment.toml": Kind("experiment.toml", corrupt_text, Experiment.load),
+        "data": Kind("run1.csv", corrupt_text, lambda path: Experiment.load(path.with_name("experiment.toml"))),
+        "model.toml": Kind("model.toml", corrupt_text, read_model_file),
+        "posterior.nc": Kind("posterior.nc", corrupt_hdf5, _read_posterior),
+        "chain.h5": Kind("chain.h5", corrupt_hdf5, read_chain),
     }
 
 
 @contextlib.contextmanager
-def _in_time(seconds: int) -> Iterator[None]:
+def _time_limit(seconds: int) -> Iterator[None]:
     def late(*_: Any) -> None:
         raise TimeoutError(f"more than {seconds} s")
 
@@ -217,7 +217,7 @@ def judge(kind: Kind, folder: Path) -> tuple[str, str]:
     """("read" | "refused" | "broken", what is wrong)."""
     before = _listing(folder.parent)
     try:
-        with _in_time(_PATIENCE), warnings.catch_warnings():
+        with _time_limit(_PATIENCE), warnings.catch_warnings():
             warnings.simplefilter("error")
             warnings.simplefilter("ignore", FutureWarning)
             kind.read(folder / kind.file)
@@ -238,7 +238,7 @@ def _listing(folder: Path) -> list[tuple[str, int]]:
 
 
 def fuzz(
-    count: int, seed: int, sound: Path, scratch: Path, tell: Callable[[str], None]
+    count: int, seed: int, sound: Path, scratch: Path, report: Callable[[str], None]
 ) -> tuple[dict[str, Counter[str]], list[str]]:
     """How many of `count` bent files of all kinds, in turn, ended how; and what was broken."""
     every = kinds(sound)
@@ -256,11 +256,11 @@ def fuzz(
             if outcome == "broken":
                 broken.append(f"{name} {k}: {' '.join(text.split())[:300]}")
             if k % 500 == 499:
-                tell(f"{k + 1} of {count} files, {len(broken)} broken")
+                report(f"{k + 1} of {count} files, {len(broken)} broken")
     return counts, broken
 
 
-def make_sound(folder: Path) -> None:
+def make_valid_files(folder: Path) -> None:
     """An experiment of a few seconds, its calibration and a model file."""
     from identification import calibrate
     from identification.cli import commands

@@ -21,10 +21,10 @@ from identification.diagnosis.data_checks.readings import check_readings
 from identification.diagnosis.data_checks.run_consistency import check_run_consistency
 from identification.diagnosis.selection.search import FitCache, Searcher
 from identification.diagnosis.stepwise import examine
-from identification.inference.fit_result import Fitted, with_known_noise
+from identification.inference.fit_result import FitResult, with_known_noise
 from identification.inference.likelihood import Likelihood
 from identification.reporting import terminal
-from identification.storage.schema import check
+from identification.storage.schema import check_schema
 from tests.paths import DATA as SHARED
 from tests.reference.laboratory import Recording, drop_frames, lose_track, record, tracking_jump, write_experiment
 from tests.reference.soft_contact import SoftCradle
@@ -89,7 +89,7 @@ def test_a_bob_that_is_seen_once_shows_no_frequency(tmp_path, good):
     readings[np.arange(len(readings)) != 100, 0] = np.nan
     recording = dataclasses.replace(good, readings=readings)
     likelihood = Likelihood(Experiment.load(write_experiment(tmp_path, [recording], stated=STATED)), None, 1)
-    tests = examine(Fitted(likelihood, likelihood.start()), 0, (False,)).residual_scan.tests
+    tests = examine(FitResult(likelihood, likelihood.start()), 0, (False,)).residual_scan.tests
     assert {test.bob for test in tests if test.phase == "line"} == {-1, 1}
 
 
@@ -155,7 +155,7 @@ def test_one_bob_hidden_for_a_while(tmp_path, good, capsys, small_grid):
     warning = "run1.csv: bob 1 is not seen from 3.983 to 7.017 s"
     assert warning in capsys.readouterr().err
     content = json.loads((tmp_path / "diagnosis.json").read_text(encoding="utf-8"))
-    check(content, "diagnosis", "diagnosis.json")
+    check_schema(content, "diagnosis", "diagnosis.json")
     assert content["verdict"] == "nothing_missing" and content["warnings"] == [warning]
     assert warning in (tmp_path / "report.html").read_text(encoding="utf-8")
 

@@ -406,10 +406,10 @@ def test_sweep_tells_what_does_not_matter(tmp_path, capsys):
     ],
 )
 def test_what_is_said_not_to_matter_leaves_the_motion_as_it_is(axis, idle, busy):
-    name, values = sweep_command.axis(axis)
+    name, values = sweep_command.parse_axis(axis)
     for fields, matters in ((idle, False), (busy, True)):
         grid = Grid({name: values}, Cradle(**{"bobs": 2, **fields}), Release(angle=0.2))
-        assert sweep_command._idle(grid) == ([] if matters else [name])
+        assert sweep_command._ignored_axes(grid) == ([] if matters else [name])
         one, other = (simulate(*grid.point(i), 2.0).theta for i in range(2))
         assert np.array_equal(one, other) is not matters
 

@@ -27,8 +27,8 @@ from identification.inference.mcmc import Sampler
 from identification.inference.posterior import Posterior
 from identification.reporting import result_files
 from identification.storage.files import ExperimentError
-from identification.storage.lock import working_in
-from identification.storage.stamps import check_own, write_listed
+from identification.storage.lock import lock_folder
+from identification.storage.stamps import check_replaceable, write_results
 from identification.sweep import Grid, sweep
 from studies.fuzz import cradles
 from tests.paths import ROOT
@@ -101,7 +101,7 @@ def test_a_stamp_lists_no_file_of_another_folder(tmp_path):
     """Or a prepared figure.json would have `reproduce` remove it."""
     (tmp_path / "figure.json").write_text('{"format": "f/1", "files": {"../mine.txt": "0"}}', encoding="utf-8")
     with pytest.raises(ExperimentError, match="no result of this command"):
-        check_own(tmp_path, ("figure.json",), "figure.json", "f/1")
+        check_replaceable(tmp_path, ("figure.json",), "figure.json", "f/1")
 
 
 def test_rows_of_a_sweep_are_not_written_through_a_link(tmp_path):
@@ -216,12 +216,12 @@ def test_one_process_works_in_a_folder(tmp_path):
 
     def second():
         try:
-            with working_in(folder):
+            with lock_folder(folder):
                 said.append("in")
         except ExperimentError as refused:
             said.append(str(refused))
 
-    with working_in(folder), working_in(folder):  # the same thread may
+    with lock_folder(folder), lock_folder(folder):  # the same thread may
         threads = [threading.Thread(target=second)]
         threads[0].start()
         threads[0].join()
@@ -242,7 +242,7 @@ with working_in(Path({str(tmp_path / "out")!r})):
 """
     assert subprocess.run([sys.executable, "-c", program]).returncode == 9
     assert (tmp_path / "out" / ".cradle.lock").exists()
-    with working_in(tmp_path / "out"):
+    with lock_folder(tmp_path / "out"):
         pass
 
 
@@ -267,12 +267,12 @@ Path.replace, os.replace = counted(Path.replace), counted(os.replace)
 write_listed(Path({str(tmp_path)!r}), dict.fromkeys("abc", "new"), "stamp.json", {{"format": "f/1"}})
 """
     assert subprocess.run([sys.executable, "-c", program]).returncode == 9
-    check_own(tmp_path, [*"abc", "stamp.json"], "stamp.json", "f/1")
-    write_listed(tmp_path, dict.fromkeys("abc", "again"), "stamp.json", {"format": "f/1"})
+    check_replaceable(tmp_path, [*"abc", "stamp.json"], "stamp.json", "f/1")
+    write_results(tmp_path, dict.fromkeys("abc", "again"), "stamp.json", {"format": "f/1"})
     assert sorted(path.name for path in tmp_path.iterdir()) == ["a", "b", "c", "stamp.json"]
     (tmp_path / "a").write_text("mine")
     with pytest.raises(ExperimentError, match="no result of this command"):
-        check_own(tmp_path, [*"abc", "stamp.json"], "stamp.json", "f/1")
+        check_replaceable(tmp_path, [*"abc", "stamp.json"], "stamp.json", "f/1")
 
 
 def test_an_interruption_while_sampling_prints_nothing(capfd):

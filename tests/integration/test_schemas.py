@@ -11,7 +11,7 @@ from jsonschema import Draft202012Validator
 from cradle_env import Cradle
 from identification import Experiment
 from identification.cli.app import main
-from identification.storage.schema import check
+from identification.storage.schema import check_schema
 from tests.paths import ROOT
 from tests.synthetic import made_up_posterior, simulated_run
 
@@ -41,12 +41,12 @@ length = { mean = 0.30, sd = 0.002 }
 
 def check_experiment(path: Path) -> None:
     """ExperimentError unless an experiment.toml is as its schema says."""
-    check(tomllib.loads(path.read_text(encoding="utf-8")), "experiment", path)
+    check_schema(tomllib.loads(path.read_text(encoding="utf-8")), "experiment", path)
 
 
 def check_result(path: Path, name: str) -> None:
     """ExperimentError unless a JSON file is as the schema of that name says."""
-    check(json.loads(path.read_text(encoding="utf-8")), name, path)
+    check_schema(json.loads(path.read_text(encoding="utf-8")), name, path)
 
 
 @pytest.fixture(scope="module")
@@ -119,7 +119,7 @@ def test_the_schema_and_the_program_accept_and_refuse_the_same(pair, tmp_path, v
 
 def test_calibrations_and_predictions_are_as_their_schemas_say(pair, tmp_path):
     posterior = made_up_posterior(pair)
-    check(json.loads(json.dumps(posterior.summary())), "summary", "summary.json")
+    check_schema(json.loads(json.dumps(posterior.summary())), "summary", "summary.json")
     posterior.save(tmp_path / "posterior.nc")
     assert main(["predict", str(tmp_path), "--draws", "2", "--out", str(tmp_path / "predicted")]) == 0
     check_result(tmp_path / "predicted" / "prediction.json", "prediction")

@@ -12,7 +12,7 @@ from cradle_env.release import Release
 from identification.experiment.experiment import Experiment, ExperimentError, Prior, ReleaseInfo, Run
 from identification.experiment.scaffold import scaffold
 from identification.storage.files import write_together
-from identification.storage.stamps import check_own, write_listed
+from identification.storage.stamps import check_replaceable, write_results
 from tests.paths import DATA
 
 
@@ -133,12 +133,12 @@ def test_an_interruption_between_two_files_leaves_both_and_what_lists_them(tmp_p
         replace(self, target)
         raise KeyboardInterrupt
 
-    write_listed(tmp_path, {"a": "old"}, "stamp.json", {"format": "f"})
+    write_results(tmp_path, {"a": "old"}, "stamp.json", {"format": "f"})
     monkeypatch.setattr(Path, "replace", interrupted)
     with pytest.raises(KeyboardInterrupt):
-        write_listed(tmp_path, {"a": "new"}, "stamp.json", {"format": "f"})
+        write_results(tmp_path, {"a": "new"}, "stamp.json", {"format": "f"})
     assert (tmp_path / "a").read_text() == "new"
-    check_own(tmp_path, ("a", "stamp.json"), "stamp.json", "f")
+    check_replaceable(tmp_path, ("a", "stamp.json"), "stamp.json", "f")
 
 
 @pytest.mark.parametrize(

@@ -12,7 +12,7 @@ from cradle_env.cradle import Cradle
 from cradle_env.notebook_figure import NotebookFigure
 from cradle_env.plot_style import BLACK, BLUE, GREY, RED, bob_styles, quiet_grid, styled
 from identification.apparatus.impacts.chain import dissipation, passed_on
-from identification.number_format import literal
+from identification.number_format import escape_mathtext
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -52,7 +52,7 @@ def impacts_figure(measured: ImpactsMeasurement) -> NotebookFigure:
     ]
     for (file, speeds), residual, look in zip(tables, measured.chosen.residuals, bob_styles(len(tables)), strict=True):
         rest.plot(speeds, residual, color=look["color"], linestyle="", marker="o", markersize=3.0,
-                  label=literal(Path(file).name))  # fmt: skip
+                  label=escape_mathtext(Path(file).name))  # fmt: skip
     for level in (-2.0, 0.0, 2.0):
         rest.axhline(level, color=GREY, linewidth=0.7, linestyle="-" if level == 0.0 else ":")
     rest.set(xlabel="impact velocity [m/s]", ylabel="residual / standard deviation", title="What eq. 1 leaves")

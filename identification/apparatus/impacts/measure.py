@@ -15,7 +15,7 @@ from identification.apparatus.impacts.chain import passed_on_apart
 from identification.apparatus.impacts.data import Durations, Passed, read_impacts
 from identification.apparatus.impacts.fit import Fit, fit
 from identification.apparatus.measurement import Measurement, Value
-from identification.number_format import number
+from identification.number_format import format_number
 from identification.progress import Progress
 
 if TYPE_CHECKING:
@@ -127,7 +127,7 @@ def measure_impacts(
     progress("fit", 0.2, f"{sum(len(x.before) for x in passed) + sum(len(x.speed) for x in durations)} impacts")
     chosen = fit(passed, durations, cradle, free)
     values = _values(chosen, cradle, np.random.default_rng(seed))
-    findings = [f"k_f = {number(values['k_f'].median)} ± {number(values['k_f'].sd, 2)} N s/m^(3/2)."]
+    findings = [f"k_f = {format_number(values['k_f'].median)} ± {format_number(values['k_f'].sd, 2)} N s/m^(3/2)."]
     warnings = []
     speeds = np.concatenate([one.before for one in passed]) if passed else np.ones(1)
     if passed and speeds.max() > _WIDE * speeds.min() and len(speeds) > 5:
@@ -135,15 +135,16 @@ def measure_impacts(
         values["exponent"] = Value.normal("q", "A grows with speed as v^q; 1/5 in eq. 1", "1", mean, sd)
         agrees = abs(mean - 0.2) < _DISAGREE * sd
         findings.append(
-            f"The loss grows with speed as v^q with q = {number(mean, 2)} ± {number(sd, 1)}; eq. 1 has 1/5, which"
-            f" {'agrees' if agrees else 'does not agree'}."
+            f"The loss grows with speed as v^q with q = {format_number(mean, 2)} ± {format_number(sd, 1)}; eq. 1 has"
+            f" 1/5, which {'agrees' if agrees else 'does not agree'}."
         )
         if not agrees:
             warnings.append("Eq. 1 does not describe how the loss grows with speed; k_f is one for these speeds alone.")
     if any(one.bobs > 2 for one in passed):
         apart = fit(passed, durations, cradle, free, passed_on_apart).of("k_f")[0]
         findings.append(
-            f"Bobs at rest are taken to touch. Were they apart, even by a micrometre, k_f would be {number(apart)}."
+            "Bobs at rest are taken to touch. Were they apart, even by a micrometre, k_f would be"
+            f" {format_number(apart)}."
         )
     findings += _stiffness_words(chosen, cradle)
     warnings += _warnings(chosen, cradle, passed, assumed)
@@ -196,8 +197,8 @@ def _stiffness_words(chosen: Fit, cradle: Cradle) -> list[str]:
         return []
     k_el, sd = chosen.of("k_el")
     return [
-        f"Durations and speeds together tell k_el = {number(k_el, 4)} ± {number(sd, 2)} N/m^(3/2); E, ν and R say"
-        f" {number(cradle.k_el, 4)}."
+        f"Durations and speeds together tell k_el = {format_number(k_el, 4)} ± {format_number(sd, 2)} N/m^(3/2); E, ν"
+        f" and R say {format_number(cradle.k_el, 4)}."
     ]
 
 
@@ -210,7 +211,7 @@ def _warnings(chosen: Fit, cradle: Cradle, passed: Sequence[Passed], assumed: bo
         )
     if chosen.widened > 1.0:
         warnings.append(
-            f"The data scatter {number(chosen.widened, 2)} times as much as the stated errors; the intervals are"
+            f"The data scatter {format_number(chosen.widened, 2)} times as much as the stated errors; the intervals are"
             " widened by that."
         )
     if "k_el" in chosen.names and abs(chosen.of("k_el")[0] - cradle.k_el) > _DISAGREE * chosen.of("k_el")[1]:

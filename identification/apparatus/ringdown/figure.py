@@ -10,7 +10,7 @@ import numpy as np
 from cradle_env.notebook_figure import NotebookFigure
 from cradle_env.plot_style import BLACK, BLUE, GREY, bob_styles, quiet_grid, styled
 from identification.apparatus.ringdown.motion import Fit, amplitudes, period_of
-from identification.number_format import literal
+from identification.number_format import escape_mathtext
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -46,7 +46,7 @@ def ringdown_figure(measured: RingdownMeasurement) -> NotebookFigure:
 
 def _recording(fit: Fit, look: dict, decay: Axes, rest: Axes, local: Axes) -> None:
     swing, period = fit.swing, period_of(fit.swing)
-    label = literal(f"{Path(swing.file).name}, n = {swing.bobs}")
+    label = escape_mathtext(f"{Path(swing.file).name}, n = {swing.bobs}")
     offset = fit.of("offset")[0]
     dots = {"color": look["color"], "linestyle": "", "marker": ".", "markersize": 4.0}
     for angle, style in ((swing.angle - offset, dots), (fit.model - offset, look)):

@@ -19,7 +19,7 @@ from identification.apparatus.measurement import Measurement, Value
 from identification.apparatus.ringdown.group_law import GroupLaw, group_law
 from identification.apparatus.ringdown.motion import TERMS, Fit, fit
 from identification.apparatus.ringdown.swings import Swing, read_swings
-from identification.number_format import number
+from identification.number_format import format_number
 from identification.progress import Progress
 
 if TYPE_CHECKING:
@@ -242,7 +242,7 @@ def _findings(
     else:
         first = "A linear drag b describes the damping; the data ask for no quadratic and no Coulomb part."
     others = "; ".join(
-        f"b{''.join(f' + {TERMS[name]}' for name in key.split('+') if key)}: {number(value)}"
+        f"b{''.join(f' + {TERMS[name]}' for name in key.split('+') if key)}: {format_number(value)}"
         for key, value in evidence.items()
     )
     findings = [first, f"BIC over that of the best model: {others}. A difference of 10 decides."]
@@ -250,14 +250,14 @@ def _findings(
     if made[0].fit.swing.cradle.has("string_hysteresis"):
         share = 100.0 * (float(np.mean(ratios)) - 1.0)
         findings.append(
-            f"On strings that do not stretch b would come out {number(share, 2)} % different: that is what the strings'"
-            " hysteresis takes, and it is not in the values above."
+            f"On strings that do not stretch b would come out {format_number(share, 2)} % different: that is what the"
+            " strings' hysteresis takes, and it is not in the values above."
         )
     if law is not None:
         b_sd, slope_sd = np.sqrt(np.diag(law.covariance))
         findings.append(
-            f"b_n = b (1 + slope · 2 (n − 1)/n) with b = {number(law.b)} ± {number(b_sd, 2)} kg/s and slope ="
-            f" {number(law.slope)} ± {number(slope_sd, 2)}: the effect group_drag."
+            f"b_n = b (1 + slope · 2 (n − 1)/n) with b = {format_number(law.b)} ± {format_number(b_sd, 2)} kg/s and"
+            f" slope = {format_number(law.slope)} ± {format_number(slope_sd, 2)}: the effect group_drag."
         )
     return tuple(findings)
 
@@ -274,12 +274,13 @@ def _warnings(made: Sequence[Recorded], law: GroupLaw | None, assumed: bool) -> 
         misfit = float(np.std(one.fit.residual)) / one.fit.swing.noise
         if misfit > _MISFIT:
             warnings.append(
-                f"{one.fit.swing.file}: the residuals are {number(misfit, 2)} × the noise of successive readings; the"
-                " model misses something, and the intervals are too narrow for it."
+                f"{one.fit.swing.file}: the residuals are {format_number(misfit, 2)} × the noise of successive"
+                " readings; the model misses something, and the intervals are too narrow for it."
             )
     if law is not None and law.p < _IMPROBABLE:
         warnings.append(
-            f"b_n does not follow the law of group_drag (p = {number(law.p, 2)}); its interval is widened for that."
+            f"b_n does not follow the law of group_drag (p = {format_number(law.p, 2)}); its interval is widened for"
+            " that."
         )
     if law is not None and law.slope < 0.0:
         warnings.append("b falls with the number of bobs; group_drag only lets it rise, and is left out.")

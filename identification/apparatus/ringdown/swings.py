@@ -12,7 +12,7 @@ import numpy as np
 from cradle_env.cradle import Cradle
 from identification.experiment.csv_file import read_recording
 from identification.experiment.experiment import Experiment
-from identification.experiment.noise import estimated_noise
+from identification.experiment.noise import estimate_noise
 from identification.experiment.run import Run
 from identification.storage.files import ExperimentError
 
@@ -118,5 +118,5 @@ def _swing(file: str, bobs: int, cradle: Cradle, run: Run, fit_from: float | Non
             f"{file}: lasts {times[-1] - times[0]:.3g} s from {start:.3g} s on, fewer than {_LEAST_PERIODS:g} swings of"
             f" {period:.3g} s; record longer, or correct the length of the strings"
         )
-    noise = estimated_noise(Run(times, mean[:, None], state="free", file=file))
+    noise = estimate_noise(Run(times, mean[:, None], state="free", file=file))
     return Swing(file, bobs, one_bob(cradle), times - times[0], mean, noise, scatter)

@@ -9,7 +9,7 @@ import numpy as np
 
 from cradle_env.notebook_figure import NotebookFigure
 from cradle_env.plot_style import BLACK, BLUE, GREY, RED, bob_styles, quiet_grid, styled
-from identification.number_format import literal
+from identification.number_format import escape_mathtext
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -31,7 +31,7 @@ def string_figure(measured: StringMeasurement) -> NotebookFigure:
         s = curve.displacement - chosen.of(f"straight {k}")[0]
         curves.plot(1e3 * s[few], plain.models[k][few], color=GREY, linewidth=0.8)
         curves.plot(1e3 * s[few], curve.force[few], color=look["color"], linestyle="", marker=".", markersize=2.0)
-        curves.plot(1e3 * s[few], chosen.models[k][few], **look, label=literal(Path(curve.file).name))
+        curves.plot(1e3 * s[few], chosen.models[k][few], **look, label=escape_mathtext(Path(curve.file).name))
         for leg in curve.legs:
             rows = slice(leg.first, leg.last, few.step)
             residual = (curve.force - plain.models[k])[rows] / curve.noise

@@ -13,7 +13,7 @@ from identification.apparatus.measurement import Measurement, Value
 from identification.apparatus.string.curve import Curve, read_curves
 from identification.apparatus.string.cycles import Cycle, cycles_of, loss_share
 from identification.apparatus.string.fit import Fit, fit, selected
-from identification.number_format import Rounding, number, unit_plain
+from identification.number_format import Rounding, format_number, unit_plain
 from identification.progress import Progress
 
 if TYPE_CHECKING:
@@ -154,8 +154,8 @@ def _findings(chosen: Fit, plain: Fit, values: Mapping[str, Value]) -> tuple[str
         rms = _rms(plain)
         force = rms * float(np.mean([curve.noise for curve in plain.curves]))
         findings.append(
-            f"Eq. 4 does not say all: it leaves residuals of {number(force, 2)} N RMS, {number(rms, 2)} × the noise,"
-            f" the largest {_largest(plain)}."
+            f"Eq. 4 does not say all: it leaves residuals of {format_number(force, 2)} N RMS, {format_number(rms, 2)} ×"
+            f" the noise, the largest {_largest(plain)}."
         )
     if "exponent" in values and "exponent" not in chosen.terms:
         findings.append(f"The exponent of unloading, free, comes out as {_shown(values['exponent'])}: quadratic.")
@@ -190,7 +190,7 @@ def _largest(plain: Fit) -> str:
                 if (part == tenth).sum() > 2:
                     mean = float(left[part == tenth].mean())
                     where = f"in {'loading' if leg.loading else 'unloading'} at {10 * tenth + 5} % of the travel"
-                    worst = max(worst, (abs(mean), f"{where}, {number(mean, 2)} N"))
+                    worst = max(worst, (abs(mean), f"{where}, {format_number(mean, 2)} N"))
     return worst[1]
 
 
@@ -198,8 +198,8 @@ def _warnings(curves: Sequence[Curve], chosen: Fit) -> tuple[str, ...]:
     warnings = []
     if _rms(chosen) > _MISFIT:
         warnings.append(
-            f"The residuals are {number(_rms(chosen), 2)} × the noise of successive readings even with all terms that"
-            " the data ask for; the intervals are too narrow for that."
+            f"The residuals are {format_number(_rms(chosen), 2)} × the noise of successive readings even with all terms"
+            " that the data ask for; the intervals are too narrow for that."
         )
     without = [curve.file for curve in curves if not curve.slack]
     if without:

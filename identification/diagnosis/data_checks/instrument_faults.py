@@ -21,7 +21,7 @@ import numpy as np
 from identification.diagnosis.criteria import DEFAULT_CRITERIA, Criteria, may_hold_faults
 from identification.experiment.experiment import Experiment
 from identification.experiment.run import Run
-from identification.inference.fit_result import Fitted, span
+from identification.inference.fit_result import FitResult, orthonormal_basis
 from identification.inference.least_squares import refine
 from identification.inference.likelihood import Likelihood
 
@@ -71,7 +71,7 @@ class InstrumentFault:
         return dataclasses.replace(experiment, runs=runs)
 
 
-def check_instrument_faults(fitted: Fitted, criteria: Criteria = DEFAULT_CRITERIA) -> None:
+def check_instrument_faults(fitted: FitResult, criteria: Criteria = DEFAULT_CRITERIA) -> None:
     """Raises ValueError, naming file, row, bob and remedy, if one fault explains the residuals of a fit to all
     readings."""
     if not may_hold_faults(fitted, criteria):
@@ -84,7 +84,7 @@ def check_instrument_faults(fitted: Fitted, criteria: Criteria = DEFAULT_CRITERI
             raise ValueError(_message(fault, fitted.experiment.runs[fault.run]))
 
 
-def _find_faults(fitted: Fitted, same_kind: InstrumentFault | None = None) -> list[InstrumentFault]:
+def _find_faults(fitted: FitResult, same_kind: InstrumentFault | None = None) -> list[InstrumentFault]:
     """The best fault of each kind in each run and bob; same_kind: only of the kind, run and bob of this one."""
     faults = []
     for k in np.unique(fitted.readings.run):
@@ -122,7 +122,7 @@ class _RunScan:
     spacing: float
 
     @classmethod
-    def of(cls, fitted: Fitted, k: int) -> _RunScan:
+    def of(cls, fitted: FitResult, k: int) -> _RunScan:
         likelihood, at = fitted.likelihood, fitted.readings
         run, rows, noise = (
             fitted.experiment.runs[k],
@@ -136,7 +136,7 @@ class _RunScan:
         smooth[here, at.bob[here]] = 1.0
         smooth[here, -2] = rate[seen]
         smooth[here, -1] = rate[seen] * (at.time[here] - at.time[here].mean())
-        absorbed = np.column_stack([fitted.absorbed, span(fitted.project(smooth))])
+        absorbed = np.column_stack([fitted.tangent_basis, orthonormal_basis(fitted.project(smooth))])
         remaining = fitted.residuals - absorbed @ (absorbed.T @ fitted.residuals)
         residuals, basis = np.zeros(seen.shape), np.zeros((*seen.shape, absorbed.shape[1]))
         residuals[seen], basis[seen] = remaining[here], absorbed[here]
@@ -220,7 +220,7 @@ class _RunScan:
         ]
 
 
-def _reading_rate(fitted: Fitted, k: int) -> np.ndarray:
+def _reading_rate(fitted: FitResult, k: int) -> np.ndarray:
     """Rate at which the model's readings change at the fitted rows of a run, (T, N) [rad/s or m/s]."""
     h = 1e-3
     sides = []
@@ -232,15 +232,15 @@ def _reading_rate(fitted: Fitted, k: int) -> np.ndarray:
     return (sides[1] - sides[0]) / (2.0 * h)
 
 
-def _refit_fault(fitted: Fitted, fault: InstrumentFault) -> tuple[InstrumentFault, float]:
+def _refit_fault(fitted: FitResult, fault: InstrumentFault) -> tuple[InstrumentFault, float]:
     """(fault, excess of χ² that remains) after alternating refits of the fault and of the unknowns converged."""
     likelihood, point = fitted.likelihood, fitted.point
     remaining = math.inf
     for _ in range(_ROUNDS):
         corrected = Likelihood(fault.undo(fitted.experiment), likelihood.rows, likelihood.workers)
         point, cost = refine(corrected, point, _EVALUATIONS)
-        remaining = cost - Fitted(corrected, point).count
-        again = _find_faults(Fitted(likelihood, point), fault)
+        remaining = cost - FitResult(corrected, point).count
+        again = _find_faults(FitResult(likelihood, point), fault)
         if not again or again[0] == fault:
             break
         fault = again[0]

@@ -16,7 +16,7 @@ from identification.diagnosis.criteria import DEFAULT_CRITERIA, Criteria
 from identification.experiment.experiment import Experiment
 from identification.experiment.run import Run
 from identification.experiment.train_test import training_rows
-from identification.experiment.unit_check import angles_read, check_unit
+from identification.experiment.unit_check import angles_from_rest, check_unit
 from identification.inference.likelihood import Likelihood
 
 #: Unknowns that are counted at least: an effect that is missing adds some.
@@ -32,7 +32,7 @@ def check_readings(experiment: Experiment, criteria: Criteria = DEFAULT_CRITERIA
         cradle = experiment.cradle_of(run)
         check_unit(run, cradle)
         warnings += _warn_of_missing_readings(run, cradle)
-        largest = float(np.nanmax(np.abs(angles_read(run, cradle))))
+        largest = float(np.nanmax(np.abs(angles_from_rest(run, cradle))))
         if run.unit == "deg" and run.release is None and largest < _MIN_SWING:
             warnings.append(
                 f"{run.file}: the largest angle is {math.degrees(largest):.2g} deg; if the file is in radians,"

@@ -18,7 +18,7 @@ import numpy as np
 from cradle_env.cradle import FIELDS
 from identification.diagnosis.criteria import DEFAULT_CRITERIA, Criteria, may_hold_faults
 from identification.experiment.run import Prior
-from identification.inference.fit_result import Fitted
+from identification.inference.fit_result import FitResult
 from identification.inference.likelihood import Likelihood
 from identification.inference.mode_search import find_mode
 from identification.progress import Progress
@@ -31,7 +31,9 @@ _AGREE_SD = 5.0
 _LENGTH_SD = 0.03
 
 
-def check_run_consistency(fitted: Fitted, seed: int, progress: Progress, criteria: Criteria = DEFAULT_CRITERIA) -> None:
+def check_run_consistency(
+    fitted: FitResult, seed: int, progress: Progress, criteria: Criteria = DEFAULT_CRITERIA
+) -> None:
     """Raises ValueError, naming two runs and the unknown that differs, if they are of different cradles."""
     runs = fitted.experiment.runs
     if len(runs) < 2 or not may_hold_faults(fitted, criteria):
@@ -74,7 +76,7 @@ def _differing_unknown(one: Estimates, other: Estimates, criteria: Criteria) -> 
     return None
 
 
-def _fit_alone(fitted: Fitted, k: int, seed: int) -> tuple[float, Estimates]:
+def _fit_alone(fitted: FitResult, k: int, seed: int) -> tuple[float, Estimates]:
     """(excess of χ² over the number of readings, estimates) of a fit to run k alone."""
     together = fitted.experiment
     length = together.cradle.length
@@ -90,4 +92,4 @@ def _fit_alone(fitted: Fitted, k: int, seed: int) -> tuple[float, Estimates]:
     for u, sd in zip(likelihood.unknowns, deviations, strict=True):
         if not u.nuisance:
             estimates[u.name] = values[u.name], float(sd * (values[u.name] if u.log else 1.0))
-    return mode.cost - Fitted(likelihood, mode.point).count, estimates
+    return mode.cost - FitResult(likelihood, mode.point).count, estimates

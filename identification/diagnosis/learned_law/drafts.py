@@ -19,7 +19,7 @@ from identification.diagnosis.learned_law.law import LearnedLaw
 from identification.diagnosis.learned_law.terms import LinearModel, Scales, Term
 from identification.diagnosis.selection.search import Searcher
 from identification.experiment.experiment import Experiment
-from identification.experiment.noise import gap_of_noise
+from identification.experiment.noise import noise_gap_bound
 from identification.experiment.train_test import training_rows
 from identification.inference.impossible_model import ImpossibleModelError
 
@@ -89,13 +89,13 @@ def complete_best(
     """
     if law.before.training_gap() <= MISSPECIFIED_GAP:
         choices = [iter([draft]) for draft in itertools.chain.from_iterable(choices)]
-    by_noise = gap_of_noise(part.runs, training_rows(part)[1])
+    by_noise = noise_gap_bound(part.runs, training_rows(part)[1])
     remaining = [(draft, choice) for choice in choices for draft in itertools.islice(choice, 1)]
     while remaining:
         least = min(draft.gap for draft, _ in remaining)
         equal = [one for one in remaining if one[0].gap <= by_noise * least]
         if better := _fit_better(law, searcher, [draft for draft, _ in equal]):
-            coloured = min(better, key=lambda one: one.fitted.chi2).fitted.coloured
+            coloured = min(better, key=lambda one: one.fitted.chi2).fitted.effective_sample
             best = max(better, key=lambda one: one.evidence(*coloured))
             return _drop_weak_terms(best, searcher, part, by_noise * best.inner_gap_after)
         remaining = [one for one in remaining if one not in equal]
@@ -110,7 +110,7 @@ def _drop_weak_terms(law: LearnedLaw, searcher: Searcher, part: Experiment, belo
     for there the evidence says little.
     """
     while len(law.terms) > 1 and law.before.training_gap() <= MISSPECIFIED_GAP:
-        values, sd = law.fitted.values, np.sqrt(np.diag(law.fitted.smooth))
+        values, sd = law.fitted.values, np.sqrt(np.diag(law.fitted.laplace_covariance))
         sizes = {name: abs(values[name]) / own for name, own in zip(law.fitted.likelihood.names, sd, strict=True)}
         weakest = min(law.terms, key=lambda term: sizes[term.name])
         terms = tuple(term for term in law.terms if term != weakest)

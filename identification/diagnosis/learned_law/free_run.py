@@ -10,14 +10,14 @@ from cradle_env.threads import in_threads
 from identification.diagnosis.learned_law.terms import Scales, Term, with_terms
 from identification.diagnosis.selection.search import Searcher, fit_key
 from identification.experiment.experiment import Experiment
-from identification.experiment.unit_check import swings_read
-from identification.inference.fit_result import Fitted
+from identification.experiment.unit_check import readings_from_rest
+from identification.inference.fit_result import FitResult
 from identification.inference.impossible_model import ImpossibleModelError
 from identification.inference.least_squares import cost, refine
-from identification.inference.mode_search import climb_ladder
-from identification.inference.nonsmooth import ROUNDS, polish
-from identification.inference.start_points import placed
-from identification.inference.unknowns import SEARCH
+from identification.inference.mode_search import search_kappa_modes
+from identification.inference.nonsmooth import DESCENT_ROUNDS, descend
+from identification.inference.start_points import point_at
+from identification.inference.unknowns import SEARCH_WIDTHS
 
 #: Shares of the linear model's coefficients at which refits start.
 _START_SHARES = (1.0, 0.5, 0.2, 0.05)
@@ -33,18 +33,18 @@ _INNER_ROUNDS = 2
 _DISTORTED = 2.0
 
 
-def is_in_step(fitted: Fitted) -> bool:
+def is_in_step(fitted: FitResult) -> bool:
     """Whether a free run is so near the data that the effects of a term add up linearly."""
     likelihood, motion = fitted.likelihood, 0.0
     for run, rows, noise in zip(fitted.experiment.runs, likelihood.rows, likelihood.noise_model.weights, strict=True):
-        motion += float(np.nansum((swings_read(run, rows)[rows] / noise) ** 2))
+        motion += float(np.nansum((readings_from_rest(run, rows)[rows] / noise) ** 2))
     return fitted.training_gap() <= _IN_STEP_GAP or fitted.chi2 <= _IN_STEP_SHARE**2 * motion
 
 
 def fit_free_run(
-    fitted: Fitted, searcher: Searcher, experiment: Experiment, scales: Scales, terms: tuple[Term, ...],
+    fitted: FitResult, searcher: Searcher, experiment: Experiment, scales: Scales, terms: tuple[Term, ...],
     values: dict[str, float], new: tuple[Term, ...] = (),
-) -> Fitted:  # fmt: skip
+) -> FitResult:  # fmt: skip
     """The fit of a law to an experiment as one free run.
 
     It starts at `values`, found by the linear model, with new terms also at smaller shares of their values: a fit of
@@ -63,7 +63,7 @@ def fit_free_run(
         for origin in _start_origins(fitted):
             begin = {**fitted.values, **values, **origin}
             starts = [
-                placed(likelihood, {**begin, **{term.name: share * values[term.name] for term in new}})
+                point_at(likelihood, {**begin, **{term.name: share * values[term.name] for term in new}})
                 for share in shares
             ]
             costs = in_threads(lambda z: cost(likelihood, z), starts, likelihood.workers)
@@ -73,16 +73,16 @@ def fit_free_run(
             raise ImpossibleModelError("the law cannot be simulated where its fit begins")
         whole = experiment is fitted.experiment
         if whole and "kappa" in likelihood.names:  # the model without the law may have compensated it by κ
-            point = refine(likelihood, climb_ladder(likelihood, point, least)[0], _EVALUATIONS)[0]
-        return polish(likelihood, point, ROUNDS if whole else _INNER_ROUNDS, thorough=True) if meet else point
+            point = refine(likelihood, search_kappa_modes(likelihood, point, least)[0], _EVALUATIONS)[0]
+        return descend(likelihood, point, DESCENT_ROUNDS if whole else _INNER_ROUNDS, thorough=True) if meet else point
 
-    return Fitted(likelihood, searcher.store.point(key, find))
+    return FitResult(likelihood, searcher.store.point(key, find))
 
 
-def _start_origins(fitted: Fitted) -> list[dict[str, float]]:
+def _start_origins(fitted: FitResult) -> list[dict[str, float]]:
     """Values that replace those of the fit without the law at a start: none, and the stated κ where the fit without
     the law moved κ far from it, perhaps to compensate the law."""
     stated = fitted.likelihood.values(fitted.likelihood.start()).get("kappa")
-    if stated is None or abs(math.log(fitted.values["kappa"] / stated)) < _DISTORTED * SEARCH["kappa"]:
+    if stated is None or abs(math.log(fitted.values["kappa"] / stated)) < _DISTORTED * SEARCH_WIDTHS["kappa"]:
         return [{}]
     return [{}, {"kappa": stated}]

@@ -10,8 +10,8 @@ import numpy as np
 from identification.diagnosis.criteria import Criteria
 from identification.diagnosis.learned_law.terms import MAX_TERMS, Scales, Term, selection_cost, selection_cost_beside
 from identification.diagnosis.selection.model_comparison import log_evidence
-from identification.experiment.unit_check import swings_read
-from identification.inference.fit_result import Fitted
+from identification.experiment.unit_check import readings_from_rest
+from identification.inference.fit_result import FitResult
 
 
 @dataclass(frozen=True, eq=False)
@@ -22,8 +22,8 @@ class LearnedLaw:
     inner_gap_before, inner_gap_after: gaps of the inner prediction without and with it (see `inner_validation`).
     """
 
-    before: Fitted
-    fitted: Fitted
+    before: FitResult
+    fitted: FitResult
     terms: tuple[Term, ...]
     scales: Scales
     inner_gap_before: float
@@ -32,7 +32,7 @@ class LearnedLaw:
     @property
     def log_evidence(self) -> float:
         """Log evidence over the model without the law."""
-        return self.evidence(*self.fitted.coloured)
+        return self.evidence(*self.fitted.effective_sample)
 
     def evidence(self, inflation: float, effective: float) -> float:
         """The same for a given inflation of χ² and effective number of readings.
@@ -45,29 +45,29 @@ class LearnedLaw:
 
     def is_better_than(self, other: LearnedLaw) -> bool:
         """Whether this law has more evidence; the residuals of the one with less χ² give the inflation of both."""
-        coloured = min((self, other), key=lambda law: law.fitted.chi2).fitted.coloured
+        coloured = min((self, other), key=lambda law: law.fitted.chi2).fitted.effective_sample
         return self.evidence(*coloured) > other.evidence(*coloured)
 
 
-def evidence_over_effects(law: LearnedLaw, named: Fitted) -> float:
+def evidence_over_effects(law: LearnedLaw, named: FitResult) -> float:
     """Log evidence of a model with a law over a model with effects named instead, on the training part.
 
     It counts the unknowns of both and the choice of the law's terms. The library imitates some effects, and a law that
     only copies an effect comes out near 0 or below.
     """
     rival = law.fitted
-    inflation, effective = min((named, rival), key=lambda one: one.chi2).coloured
+    inflation, effective = min((named, rival), key=lambda one: one.chi2).effective_sample
     more = len(rival.point) - len(named.point)
     gained = log_evidence(named.chi2 - rival.chi2, more, inflation, effective)
     return gained - selection_cost(rival.cradle, len(law.terms))
 
 
-def can_outdo(before: Fitted, named: Fitted, criteria: Criteria) -> bool:
+def can_outdo(before: FitResult, named: FitResult, criteria: Criteria) -> bool:
     """Whether a law on a model could win against effects that leave only noise.
 
     It cannot save χ² against them, so it can only win with fewer unknowns than they have.
     """
-    inflation, effective = named.coloured
+    inflation, effective = named.effective_sample
     spared = len(named.point) - len(before.point)
     best = max(
         log_evidence(0.0, terms - spared, inflation, effective) - selection_cost(before.cradle, terms)
@@ -76,7 +76,7 @@ def can_outdo(before: Fitted, named: Fitted, criteria: Criteria) -> bool:
     return criteria.equivalent_log_odds <= best
 
 
-def law_scales(fitted: Fitted) -> Scales:
+def law_scales(fitted: FitResult) -> Scales:
     """Scales of the library's variables.
 
     angle [rad]: of the largest swing that was fitted. speed [m/s]: of a pendulum with that amplitude. frequency [Hz]:
@@ -86,6 +86,6 @@ def law_scales(fitted: Fitted) -> Scales:
     for run, rows in zip(fitted.experiment.runs, fitted.likelihood.rows, strict=True):
         if rows.any():
             unit = 1.0 if run.quantity == "theta" else fitted.cradle.length
-            largest = max(largest, float(np.nanmax(np.abs(swings_read(run, rows)))) / unit)
+            largest = max(largest, float(np.nanmax(np.abs(readings_from_rest(run, rows)))) / unit)
     return {"angle": largest, "speed": largest * math.sqrt(fitted.cradle.gravity * fitted.cradle.length),
             "frequency": 1.0 / fitted.cradle.period}  # fmt: skip

@@ -20,7 +20,7 @@ from cradle_env.mechanics.layout import PAIR_DECAYS
 from cradle_env.simulation import simulate
 from identification.diagnosis.learned_law.law import LearnedLaw
 from identification.diagnosis.learned_law.terms import FREQUENCY
-from identification.inference.fit_result import Fitted
+from identification.inference.fit_result import FitResult
 from identification.inference.likelihood import STEP_FACTOR
 
 #: Points of a curve.
@@ -56,13 +56,13 @@ class Curve:
 class LawShape:
     """The functions of a law as fitted."""
 
-    def __init__(self, law: LearnedLaw, fitted: Fitted):
+    def __init__(self, law: LearnedLaw, fitted: FitResult):
         self.law, self.fitted, self.cradle = law, fitted, fitted.cradle
         likelihood = fitted.likelihood
         self.covariance = fitted.covariance
         self.indices = {name: i for i, name in enumerate(likelihood.names)}
         run = fitted.experiment.runs[0]
-        beginning, _ = likelihood.beginning(fitted.values, 0)
+        beginning, _ = likelihood.initial_condition(fitted.values, 0)
         times = np.arange(0.0, run.times[run.fitted][-1] - (0.0 if run.state == "release" else run.fit_from), 1 / 120)
         self.motion = simulate(self.cradle, beginning, times=times, step_factor=STEP_FACTOR)
 

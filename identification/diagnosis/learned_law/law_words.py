@@ -11,7 +11,7 @@ from cradle_env.effects import effect
 from identification.diagnosis.learned_law.law import LearnedLaw
 from identification.diagnosis.learned_law.law_shape import Curve, LawShape, peak
 from identification.diagnosis.uncertainty.intervals import Interval
-from identification.number_format import minus
+from identification.number_format import typographic_minus
 
 #: Share of the largest curve of its unit from which a curve is described.
 _WORTH = 0.1
@@ -47,8 +47,8 @@ def _describe_curve(curve: Curve) -> str:
     unit = curve.y_label.partition("[")[2].rstrip("]")
     added = _law_part(curve)
     k = int(np.argmax(np.abs(added)))
-    largest, signed = added[k], minus(f"{added[k]:+.2g}")
-    at = f"{minus(f'{curve.x[k]:.3g}')} {curve.x_label.partition('[')[2].rstrip(']')}"
+    largest, signed = added[k], typographic_minus(f"{added[k]:+.2g}")
+    at = f"{typographic_minus(f'{curve.x[k]:.3g}')} {curve.x_label.partition('[')[2].rstrip(']')}"
     if what.startswith("against motion along"):
         way = "against" if largest > 0.0 else "with"
         return f"on {who}, a force {way} its motion along the string, up to {abs(largest):.2g} {unit} at {at}"

@@ -25,9 +25,9 @@ from identification.diagnosis.learned_law.terms import MAX_TERMS, LinearModel
 from identification.diagnosis.residuals.multiple_shooting import can_be_segmented, fit_multiple_shooting
 from identification.diagnosis.selection.inner_validation import hold_out_last_third, validate_inner
 from identification.diagnosis.selection.search import Searcher
-from identification.experiment.noise import gap_of_noise
+from identification.experiment.noise import noise_gap_bound
 from identification.experiment.train_test import training_rows
-from identification.inference.fit_result import Fitted, colour
+from identification.inference.fit_result import FitResult, estimate_effective_sample
 from identification.progress import Progress
 
 #: How often further terms are looked for in the residuals of a law.
@@ -36,13 +36,15 @@ _ROUNDS = 3
 _MAX_GAP_OVER_RIVAL = 1.15
 
 
-def learn_law(fitted: Fitted, searcher: Searcher, progress: Progress, rival: Fitted | None = None) -> LearnedLaw | None:
+def learn_law(
+    fitted: FitResult, searcher: Searcher, progress: Progress, rival: FitResult | None = None
+) -> LearnedLaw | None:
     """The law that a fitted model lacks.
 
     Returns None if no law predicts better than the model alone with more evidence, or if every law predicts far worse
     than `rival`, the model with effects named instead.
     """
-    if fitted.learned or "b" not in fitted.likelihood.names:
+    if fitted.has_learned_law or "b" not in fitted.likelihood.names:
         return None
     progress("law", 0.0, "window by window")
     scales = law_scales(fitted)
@@ -63,7 +65,7 @@ def learn_law(fitted: Fitted, searcher: Searcher, progress: Progress, rival: Fit
         if periodic:
             # Near the frequency of the swing, a periodic force can imitate anything that swings with the bobs for a
             # while. So it must predict to within the noise.
-            most = min(most, gap_of_noise(part.runs, training_rows(part)[1]))
+            most = min(most, noise_gap_bound(part.runs, training_rows(part)[1]))
             for some in ([periodic], subsets):
                 drafts.append(draft_extensions(none, searcher, part, scales_in_time, linear, some, most))
     law = complete_best(none, searcher, part, drafts)
@@ -104,7 +106,7 @@ def best_subset(linear: LinearModel) -> tuple[int, ...]:
     if not path:
         return ()
     residuals = linear.solve(path[-1])[0]
-    inflation, effective = colour(residuals[: linear.fitted.count], linear.fitted.readings)
+    inflation, effective = estimate_effective_sample(residuals[: linear.fitted.count], linear.fitted.readings)
     evidence = functools.partial(linear.log_evidence, inflation=inflation, effective=effective)
     best = max([(), *path], key=evidence)
     while best:

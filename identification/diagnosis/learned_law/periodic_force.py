@@ -22,7 +22,7 @@ from identification.diagnosis.learned_law.terms import (
 )
 from identification.diagnosis.residuals.multiple_shooting import MultipleShootingFit
 from identification.diagnosis.residuals.periodogram import frequency_grid
-from identification.inference.fit_result import Fitted, span
+from identification.inference.fit_result import FitResult, orthonormal_basis
 
 #: Simulated frequencies per inverse width of a window; splines interpolate between them.
 _COARSE = 2.0
@@ -58,7 +58,7 @@ def add_periodic_terms(
     between, middle = CubicSpline(coarse, np.array(answers)), begin + 0.5 * width
     others = [linear.visible[i - 1] for i in subset]
     b = fitted.jacobian[:, [fitted.likelihood.names.index("b")]]
-    basis = span(np.column_stack([linear.basis, b, linear.columns[:, others]]))
+    basis = orthonormal_basis(np.column_stack([linear.basis, b, linear.columns[:, others]]))
     saved = []
     for several in np.array_split(frequencies, -(-len(frequencies) // _CHUNK)):
         waves = between(several) * np.exp(2j * np.pi * np.outer(several, middle))
@@ -71,17 +71,17 @@ def add_periodic_terms(
     return linear.with_columns(terms, np.column_stack(columns)), scales
 
 
-def _window_starts(fitted: Fitted) -> tuple[np.ndarray, float]:
+def _window_starts(fitted: FitResult) -> tuple[np.ndarray, float]:
     """(start of each residual's window, counted from that of the run [s], (R + P,); width of the windows [s])."""
     likelihood = fitted.likelihood
-    starts = np.array([likelihood.beginning(fitted.values, k)[1] for k in range(len(likelihood.rows))])
+    starts = np.array([likelihood.initial_condition(fitted.values, k)[1] for k in range(len(likelihood.rows))])
     begin = np.append(starts - starts[0], 0.0)
     run = np.full(len(fitted.residuals), len(starts))  # residuals of priors do not change
     run[: fitted.count] = fitted.readings.run
     return begin[run], float(np.median(np.diff(starts)))
 
 
-def _force_response(fitted: Fitted, scales: Scales, element: int, step: float) -> np.ndarray:
+def _force_response(fitted: FitResult, scales: Scales, element: int, step: float) -> np.ndarray:
     """d residuals / d force e^{iωs}, s counted from the start of each window, (R + P,), complex."""
     cosine, sine = (
         residual_derivative(fitted, scales, Term(learned_force.name, key, element), step) for key in IN_TIME

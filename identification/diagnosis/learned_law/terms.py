@@ -25,12 +25,12 @@ from identification.diagnosis.criteria import MISSPECIFIED_GAP
 from identification.diagnosis.selection.candidates import with_effects
 from identification.diagnosis.selection.model_comparison import log_evidence
 from identification.experiment.experiment import Experiment
-from identification.inference.fit_result import Fitted, span
+from identification.inference.fit_result import FitResult, orthonormal_basis
 from identification.inference.impossible_model import ImpossibleModelError
 from identification.inference.likelihood import Likelihood
 from identification.inference.noise_model import rms
-from identification.inference.nonsmooth import lengths_of
-from identification.inference.start_points import placed
+from identification.inference.nonsmooth import column_norms
+from identification.inference.start_points import point_at
 
 #: Terms of a law at most.
 MAX_TERMS = 10
@@ -98,7 +98,7 @@ def selection_cost(cradle: Cradle, terms: int) -> float:
     return math.log(math.comb(len(library(cradle)), terms))
 
 
-def selection_cost_beside(fitted: Fitted, terms: int) -> float:
+def selection_cost_beside(fitted: FitResult, terms: int) -> float:
     """The same for a law added to a fitted model; 0 if that is misspecified.
 
     There the residuals set the scale of the evidence, and a few terms are not all that is missing.
@@ -134,7 +134,7 @@ class LinearModel:
     unknowns do not absorb. G (1 + K', 1 + K'), h (1 + K',): of b and of these terms, see the module.
     """
 
-    fitted: Fitted
+    fitted: FitResult
     terms: tuple[Term, ...]
     columns: np.ndarray
     basis: np.ndarray
@@ -143,7 +143,7 @@ class LinearModel:
     h: np.ndarray
 
     @classmethod
-    def of(cls, fitted: Fitted, scales: Scales, had: Sequence[Term] = ()) -> LinearModel:
+    def of(cls, fitted: FitResult, scales: Scales, had: Sequence[Term] = ()) -> LinearModel:
         """The linear model of all terms but periodic ones and those that the terms `had` exclude."""
         terms = tuple(
             term for term in library(fitted.cradle)
@@ -151,7 +151,7 @@ class LinearModel:
         )  # fmt: skip
         columns = in_threads(lambda term: residual_derivative(fitted, scales, term), terms, fitted.likelihood.workers)
         b = fitted.likelihood.names.index("b")
-        basis = span(np.delete(fitted.jacobian, b, axis=1))
+        basis = orthonormal_basis(np.delete(fitted.jacobian, b, axis=1))
         return cls._with(fitted, terms, np.column_stack(columns), basis)
 
     def with_common_terms(self) -> LinearModel:
@@ -164,7 +164,7 @@ class LinearModel:
         return self._with(self.fitted, (*self.terms, *terms), np.column_stack([self.columns, columns]), self.basis)
 
     @classmethod
-    def _with(cls, fitted: Fitted, terms: tuple[Term, ...], columns: np.ndarray, basis: np.ndarray) -> LinearModel:
+    def _with(cls, fitted: FitResult, terms: tuple[Term, ...], columns: np.ndarray, basis: np.ndarray) -> LinearModel:
         own = np.column_stack([fitted.jacobian[:, fitted.likelihood.names.index("b")], columns])
         lengths = np.linalg.norm(own, axis=0)
         left = own / np.where(lengths > 0.0, lengths, 1.0)
@@ -231,7 +231,7 @@ class LinearModel:
         b = self.fitted.likelihood.names.index("b")
         others = np.delete(J, b, axis=1)
         left = self.fitted.residuals + c[0] * J[:, b] + self.columns[:, [self.visible[j - 1] for j in subset]] @ c[1:]
-        size = lengths_of(others)
+        size = column_norms(others)
         rest = -np.linalg.lstsq(others / size, left, rcond=1e-10)[0] / size
         return left + others @ rest, np.concatenate([np.insert(rest, b, c[0]), c[1:]])
 
@@ -255,7 +255,7 @@ class LinearModel:
         return values | {self.term(j).name: float(c) for j, c in zip(subset, coefficients, strict=True)}
 
 
-def residual_derivative(fitted: Fitted, scales: Scales, term: Term, step: float = _STEP) -> np.ndarray:
+def residual_derivative(fitted: FitResult, scales: Scales, term: Term, step: float = _STEP) -> np.ndarray:
     """d residuals / d coefficient, (R + P,), by a finite difference; 0 if the term cannot be simulated.
 
     step: first try [unit of the coefficient]; it is then adapted to change the residuals by TARGET_SHIFT.
@@ -264,7 +264,7 @@ def residual_derivative(fitted: Fitted, scales: Scales, term: Term, step: float 
     moved = np.zeros(len(fitted.residuals))
     for _ in range(_TRIES):
         try:
-            moved = likelihood.residuals(placed(likelihood, {**fitted.values, term.name: step})) - fitted.residuals
+            moved = likelihood.residuals(point_at(likelihood, {**fitted.values, term.name: step})) - fitted.residuals
         except ImpossibleModelError:
             return np.zeros(len(fitted.residuals))
         size = float(np.sqrt(np.mean(moved**2)))

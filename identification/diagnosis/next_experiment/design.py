@@ -18,11 +18,11 @@ from identification.diagnosis.selection.candidates import EffectNames, list_cand
 from identification.diagnosis.selection.search import FitCache, Searcher
 from identification.experiment.experiment import Experiment
 from identification.experiment.experiment_file import infer_lines, model_lines
-from identification.inference.fit_result import Fitted, with_known_noise
+from identification.inference.fit_result import FitResult, with_known_noise
 from identification.inference.impossible_model import ImpossibleModelError
 from identification.inference.linear_algebra import on_one_thread
 from identification.progress import Progress
-from identification.storage.lock import holds_out
+from identification.storage.lock import locks_output
 from identification.storage.schema import read_json
 from identification.storage.stamps import check_report
 from identification.storage.toml_table import toml_text
@@ -52,7 +52,7 @@ class Design:
     """
 
     experiment: Experiment
-    models: tuple[Fitted, ...]
+    models: tuple[FitResult, ...]
     certain: EffectNames
     sets: tuple[EffectNames, ...]
     advice: Advice
@@ -117,7 +117,7 @@ class Design:
         return "\n".join([*lines, ""])
 
 
-@holds_out
+@locks_output
 @on_one_thread
 def design(
     experiment: Experiment,
@@ -221,7 +221,7 @@ def _read_request(experiment: Experiment, between: Sequence[str], diagnosis: str
         for name in reversed(removed):  # an effect comes after those that it requires
             effect(name)
             model = without_effect(model, name)
-        model, sets = model.read_from(inputs), sets or equivalent
+        model, sets = model.with_source(inputs), sets or equivalent
     if len(sets) == 1:
         raise ValueError(f"between is {'+'.join(sets[0])} alone; name two models or more to tell apart")
     for name in itertools.chain(certain, *sets):
@@ -238,8 +238,8 @@ def _check_absent(cradle: Cradle, name: str) -> None:
 
 
 def _fit_with_effects(
-    fitted: Fitted, names: EffectNames, each: frozenset[str], searcher: Searcher, progress: Progress
-) -> Fitted:
+    fitted: FitResult, names: EffectNames, each: frozenset[str], searcher: Searcher, progress: Progress
+) -> FitResult:
     """The fit with effects added one after the other; each: see `_Request`."""
     for name in names:
         progress("refit", 0.0, name)

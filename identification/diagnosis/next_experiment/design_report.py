@@ -16,9 +16,9 @@ from identification.diagnosis.next_experiment.expected_information import Plan
 from identification.diagnosis.next_experiment.planned_run import Instrument, PlannedRun
 from identification.diagnosis.next_experiment.run_grid import describe_run
 from identification.experiment.experiment_file import FILE_NAME
-from identification.number_format import Rounding, number, unit_plain
-from identification.reporting.html_page import page
-from identification.storage.stamps import check_own, write_listed
+from identification.number_format import Rounding, format_number, unit_plain
+from identification.reporting.html_page import render_experiment
+from identification.storage.stamps import check_replaceable, write_results
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -37,7 +37,7 @@ def check_folder(folder: Path) -> None:
 
     experiment.toml, for example, may describe the data, or the user may have corrected it.
     """
-    check_own(folder, (_STAMP, _PICTURE, _REPORT, FILE_NAME), _STAMP, FORMAT)
+    check_replaceable(folder, (_STAMP, _PICTURE, _REPORT, FILE_NAME), _STAMP, FORMAT)
 
 
 def save(design: Design, folder: Path) -> dict[str, Any]:
@@ -47,7 +47,7 @@ def save(design: Design, folder: Path) -> dict[str, Any]:
     files: dict[str, str | bytes] = {_PICTURE: picture, _REPORT: render_report(design, content, picture)}
     check_folder(folder)
     planned = {} if design.advice.separates_none else {FILE_NAME: design.experiment_toml()}
-    return write_listed(folder, {**files, **planned}, _STAMP, content)
+    return write_results(folder, {**files, **planned}, _STAMP, content)
 
 
 def advice_sentence(design: Design) -> str:
@@ -56,7 +56,7 @@ def advice_sentence(design: Design) -> str:
     run = describe_run(plan.setting, plan.duration)
     if not design.sets:
         gain = math.exp(plan.predicted)
-        return f"Do next: {run}. It should reduce the standard deviation of λ by a factor of {number(gain)}."
+        return f"Do next: {run}. It should reduce the standard deviation of λ by a factor of {format_number(gain)}."
     if advice.separates_none:
         return advice.alternative
     sets = " from ".join(
@@ -71,7 +71,7 @@ def format_information(plan: Plan) -> str:
     if math.isnan(plan.simulated):
         return "–"
     if math.isnan(plan.standard_error):
-        return f"{number(plan.simulated)} (one draw)"
+        return f"{format_number(plan.simulated)} (one draw)"
     rounding = Rounding.of(plan.simulated, max(plan.standard_error, 0.01))
     power = f" · {unit_plain('1', rounding.exponent)}" if rounding.exponent > 0 else ""
     if rounding.exponent < 0:
@@ -82,7 +82,7 @@ def format_information(plan: Plan) -> str:
 def render_report(design: Design, content: dict[str, Any], picture: bytes) -> str:
     """The report. content: that of design.json."""
     named = dict.fromkeys(name for names in (design.certain, *design.sets) for name in names)
-    return page(
+    return render_experiment(
         "design.html",
         "Design",
         design.experiment,
@@ -97,7 +97,7 @@ def render_report(design: Design, content: dict[str, Any], picture: bytes) -> st
         ],
         picture=base64.b64encode(picture).decode(),
         experiment_toml="" if design.advice.separates_none else design.experiment_toml(),
-        number=number,
+        format_number=format_number,
     )
 
 

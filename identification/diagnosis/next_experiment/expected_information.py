@@ -24,7 +24,7 @@ from cradle_env.simulation import simulate
 from identification.diagnosis.criteria import DEFAULT_CRITERIA, Criteria
 from identification.diagnosis.next_experiment.planned_run import Instrument, PlannedRun, Setting, expected_log_bayes
 from identification.diagnosis.next_experiment.run_grid import describe_run, rank_settings, search_grid
-from identification.inference.fit_result import Fitted
+from identification.inference.fit_result import FitResult
 from identification.inference.impossible_model import ImpossibleModelError
 from identification.inference.least_squares import bounds
 from identification.progress import Progress
@@ -139,7 +139,7 @@ class Advice:
 
 
 def advise(
-    models: Sequence[Fitted],
+    models: Sequence[FitResult],
     sets: Sequence[tuple[str, ...]],
     seed: int = 0,
     progress: Progress | None = None,
@@ -197,7 +197,7 @@ def advise(
     )
 
 
-def advise_on_lambda(fitted: Fitted, progress: Progress | None = None) -> Advice | None:
+def advise_on_lambda(fitted: FitResult, progress: Progress | None = None) -> Advice | None:
     """The runs that constrain λ of the first run's setting; None if λ is not defined."""
     gradient = _lambda_gradient(fitted)
     if gradient is None:
@@ -234,7 +234,7 @@ def _plan(setting: Setting, instrument: Instrument, duration: float, *informatio
 
 
 def simulate_log_bayes(
-    models: Sequence[Fitted], run: Any, seed: int, draws: int
+    models: Sequence[FitResult], run: Any, seed: int, draws: int
 ) -> tuple[np.ndarray, np.ndarray] | None:
     """(mean, standard error) of the log Bayes factor of model i over model j for data of model i, (M, M) each.
 
@@ -262,7 +262,7 @@ def _lesser_of_pairs(
     return np.array([mean[at] for at in lesser]), np.array([error[at] for at in lesser])
 
 
-def _lambda_gradient(fitted: Fitted) -> dict[str, float] | None:
+def _lambda_gradient(fitted: FitResult) -> dict[str, float] | None:
     """dλ/dx for the cradle's unknowns, by central differences of one standard deviation; None if λ is not defined."""
     likelihood = fitted.likelihood
     run = fitted.experiment.runs[0]

@@ -17,11 +17,11 @@ import numpy as np
 from cradle_env.release import Release
 from identification.experiment.experiment import Experiment
 from identification.experiment.run import ReleaseInfo, Run
-from identification.inference.fit_result import Fitted
+from identification.inference.fit_result import FitResult
 from identification.inference.impossible_model import ImpossibleModelError, raises_impossible
-from identification.inference.least_squares import bounds, jacobian, refine
+from identification.inference.least_squares import bounds, difference_jacobian, refine
 from identification.inference.likelihood import Likelihood
-from identification.inference.start_points import placed
+from identification.inference.start_points import point_at
 
 #: Readings per second of a planned run; a faster recording counts as one of this rate with less noise, for the swing is
 #: slower.
@@ -68,7 +68,7 @@ class Instrument:
     inflation: float
 
     @classmethod
-    def of(cls, fitted: Fitted) -> Instrument:
+    def of(cls, fitted: FitResult) -> Instrument:
         """The instrument of a fitted experiment."""
         run, release = fitted.experiment.runs[0], fitted.experiment.runs[0].release
         rate = 1.0 / float(np.median(np.diff(run.times)))
@@ -82,7 +82,7 @@ class Instrument:
             float(fitted.likelihood.noise_model.scales[0]),
             rate,
             *known,
-            fitted.coloured[0],
+            fitted.effective_sample.inflation,
         )
 
     def run(self, setting: Setting, duration: float) -> Run:
@@ -110,17 +110,17 @@ class PlannedRun(Likelihood):
     """
 
     @raises_impossible
-    def __init__(self, fitted: Fitted, run: Run):
+    def __init__(self, fitted: FitResult, run: Run):
         old = fitted.experiment
         cradle = fitted.cradle.replace(bobs=run.readings.shape[1], delta=run.delta)
         new = Experiment(cradle, (run,), old.infer, old.unknown_effect_parameters)
         super().__init__(new, None, fitted.likelihood.workers)
         own = {name: value for name, value in fitted.values.items() if "@" not in name}
-        self.prior_mean = placed(self, {**self.values(self.start()), **own})
+        self.prior_mean = point_at(self, {**self.values(self.start()), **own})
         self.precision = self._precision(fitted)
         self._root = np.linalg.cholesky(self.precision).T
 
-    def _precision(self, fitted: Fitted) -> np.ndarray:
+    def _precision(self, fitted: FitResult) -> np.ndarray:
         """The posterior's precision for shared unknowns, the prior's for those of the run."""
         # Unknowns of the run without a prior, such as rest positions, are free.
         precision = np.diag([1e-9 if math.isnan(u.sd) else u.sd**-2 for u in self.unknowns])
@@ -140,7 +140,7 @@ class PlannedRun(Likelihood):
         """The run to first order about the mode of the present data."""
         readings = self.experiment.runs[0].readings
         base = self.residuals(self.prior_mean)
-        S = jacobian(self, self.prior_mean, base)[: readings.size]
+        S = difference_jacobian(self, self.prior_mean, base)[: readings.size]
         model = base[: readings.size] + readings.ravel() / self.noise_model.scales[0]
         times = np.repeat(self.experiment.runs[0].times, readings.shape[1])
         return LinearizedRun(self.names, times, model, S, self.precision)
@@ -169,7 +169,7 @@ class PlannedRun(Likelihood):
         ahead = self.experiment.runs[0].readings.ravel() / self.noise_model.scales[0] - self.linearized.model
         starts = [self.prior_mean, self.prior_mean + np.linalg.solve(S.T @ S + precision, S.T @ ahead)]
         if near is not None:
-            starts.append(placed(self, {**self.values(self.prior_mean), **near}))
+            starts.append(point_at(self, {**self.values(self.prior_mean), **near}))
         return refine(self, min(starts, key=self._cost), _EVALUATIONS)
 
     def _cost(self, point: np.ndarray) -> float:
@@ -181,7 +181,7 @@ class PlannedRun(Likelihood):
     def log_evidence(self, near: Mapping[str, float]) -> float:
         """ln p(readings | model, present data) by the Laplace approximation, up to a constant of all models."""
         point, cost = self.find_mode(near)
-        J = jacobian(self, point, self.residuals(point))
+        J = difference_jacobian(self, point, self.residuals(point))
         learned = np.linalg.slogdet(J.T @ J)[1] - np.linalg.slogdet(self.precision)[1]
         return -0.5 * float(cost + learned)
 

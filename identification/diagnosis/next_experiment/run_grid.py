@@ -8,7 +8,7 @@ import numpy as np
 
 from identification.diagnosis.criteria import Criteria
 from identification.diagnosis.next_experiment.planned_run import Instrument, PlannedRun, Setting
-from identification.inference.fit_result import Fitted
+from identification.inference.fit_result import FitResult
 from identification.inference.impossible_model import ImpossibleModelError
 from identification.progress import Progress
 
@@ -40,7 +40,11 @@ def describe_run(setting: Setting, duration: float) -> str:
 
 
 def search_grid(
-    models: Sequence[Fitted], instrument: Instrument, information: Information, progress: Progress, criteria: Criteria
+    models: Sequence[FitResult],
+    instrument: Instrument,
+    information: Information,
+    progress: Progress,
+    criteria: Criteria,
 ) -> dict[Setting, tuple[float, np.ndarray]]:
     """Settings with their duration [s] and expected information, the most informative first.
 
@@ -93,7 +97,7 @@ def rank_settings(evaluated: dict[Setting, tuple[float, np.ndarray]], criteria: 
 
 
 def _evaluate_setting(
-    models: Sequence[Fitted], instrument: Instrument, setting: Setting, information: Information
+    models: Sequence[FitResult], instrument: Instrument, setting: Setting, information: Information
 ) -> tuple[float, np.ndarray]:
     """(duration [s], information) of the shortest run that is nearly as informative as the longest predictable one."""
     run = instrument.run(setting, _DURATIONS[-1])

@@ -19,11 +19,11 @@ from cradle_env.cradle import Cradle
 from cradle_env.threads import in_threads
 from identification.diagnosis.residuals.windows import equal_edges
 from identification.experiment.run import Run
-from identification.inference.fit_result import Fitted, Readings
-from identification.inference.least_squares import bounds, safe_residuals, steps
+from identification.inference.fit_result import FitResult, ResidualIndex
+from identification.inference.least_squares import bounds, difference_steps, residuals_or_penalty
 from identification.inference.likelihood import Likelihood, hanging_radius
-from identification.inference.start_points import placed
-from identification.inference.unknowns import WORN
+from identification.inference.start_points import point_at
+from identification.inference.unknowns import WORN_TENSION_RATIO
 
 #: Width of a window [small-angle periods].
 _WINDOW_PERIODS = 3.0
@@ -38,7 +38,7 @@ def can_be_segmented(cradle: Cradle) -> bool:
     return not any(map(cradle.has, _STATEFUL_EFFECTS))
 
 
-def fit_multiple_shooting(fitted: Fitted) -> Fitted:
+def fit_multiple_shooting(fitted: FitResult) -> FitResult:
     """The model refitted to its readings in windows.
 
     Each window starts from an inferred state near that of the fitted model. The first window of a run that begins with
@@ -72,21 +72,21 @@ def fit_multiple_shooting(fitted: Fitted) -> Fitted:
     in_windows = dataclasses.replace(experiment, runs=tuple(runs))
     shooting = Likelihood(in_windows, None, likelihood.workers)
     low, high = bounds(shooting)
-    start = placed(shooting, values)
+    start = point_at(shooting, values)
     length = len(shooting.residuals(start))
     solution = least_squares(
-        lambda point: safe_residuals(shooting, point, length),
+        lambda point: residuals_or_penalty(shooting, point, length),
         start,
         lambda point: _segment_jacobian(shooting, point),  # type: ignore[arg-type]  # a function, which SciPy's stubs do not know of
         (low - 1e-12, high + 1e-12),
-        x_scale=steps(shooting),
+        x_scale=difference_steps(shooting),
         max_nfev=_EVALUATIONS,
     )
     return MultipleShootingFit(shooting, solution.x, tuple(origins))
 
 
 @dataclass(frozen=True, eq=False)
-class MultipleShootingFit(Fitted):
+class MultipleShootingFit(FitResult):
     """A fit with a start state per window; origins: the run (from 0) of each window."""
 
     origins: tuple[int, ...]
@@ -102,7 +102,7 @@ def _segment_jacobian(likelihood: Likelihood, point: np.ndarray) -> np.ndarray:
 
     A start state changes only the readings of its window and its own prior, so one simulation serves all windows.
     """
-    base, width, run = likelihood.residuals(point), steps(likelihood), Readings.of(likelihood).run
+    base, width, run = likelihood.residuals(point), difference_steps(likelihood), ResidualIndex.of(likelihood).run
     priors = len(run) + np.cumsum([not math.isnan(u.sd) for u in likelihood.unknowns]) - 1
     together: dict[str, list[int]] = {}
     for i, name in enumerate(likelihood.names):
@@ -112,7 +112,7 @@ def _segment_jacobian(likelihood: Likelihood, point: np.ndarray) -> np.ndarray:
     def change(places: list[int]) -> np.ndarray:
         moved = point.copy()
         moved[places] += width[places]
-        return safe_residuals(likelihood, np.clip(moved, *bounds(likelihood)), len(base)) - base
+        return residuals_or_penalty(likelihood, np.clip(moved, *bounds(likelihood)), len(base)) - base
 
     changes = in_threads(change, list(together.values()), likelihood.workers)
     for places, changed in zip(together.values(), changes, strict=True):
@@ -129,11 +129,13 @@ def _segment_edges(times: np.ndarray, width: float) -> np.ndarray:
     return np.append(equal_edges(times[0], times[-1], width)[:-1], np.inf)
 
 
-def _start_states(fitted: Fitted, index: int, starts: np.ndarray) -> list[dict[str, float]]:
+def _start_states(fitted: FitResult, index: int, starts: np.ndarray) -> list[dict[str, float]]:
     """The model's state of run `index` at each time of `starts` [s], by the names of a free start's unknowns."""
     motion = fitted.likelihood.motion(fitted.values, index, starts)
     cradle = motion.cradle
-    hanging = hanging_radius(cradle, np.full(cradle.bobs, WORN) if cradle.has("string_hysteresis") else None)
+    hanging = hanging_radius(
+        cradle, np.full(cradle.bobs, WORN_TENSION_RATIO) if cradle.has("string_hysteresis") else None
+    )
     states = []
     for row in range(len(starts)):
         state = {}

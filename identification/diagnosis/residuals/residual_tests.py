@@ -19,7 +19,7 @@ from scipy.stats import chi2
 
 from identification.diagnosis.residuals.periodogram import count_independent, frequency_grid, line_power
 from identification.diagnosis.residuals.windows import Window, model_motions, start_state_windows, window_edges
-from identification.inference.fit_result import Fitted, span
+from identification.inference.fit_result import FitResult, orthonormal_basis
 
 #: Harmonics of the swing that a window is tested for.
 _HARMONICS = 3
@@ -153,7 +153,7 @@ def chi2_log_tail(statistic: np.ndarray | float, degrees: int) -> np.ndarray:
     return np.where(x < degrees + 600.0, near, tail)
 
 
-def scan_residuals(fitted: Fitted, replicates: np.ndarray) -> ResidualScan:
+def scan_residuals(fitted: FitResult, replicates: np.ndarray) -> ResidualScan:
     """Runs all tests on a fit and on its replicates (R + P, M), see `Fitted.replicates`."""
     windows = start_state_windows(fitted)
     tests = list_residual_tests(fitted, windows)
@@ -186,7 +186,7 @@ def replicate_p_value(replicate_maxima: np.ndarray, value: float) -> float:
     return float((1 + np.sum(replicate_maxima >= value)) / (1 + len(replicate_maxima)))
 
 
-def _describe_test(fitted: Fitted, test: ResidualTest, statistic: float, p: float) -> dict:
+def _describe_test(fitted: FitResult, test: ResidualTest, statistic: float, p: float) -> dict:
     return {
         "run": fitted.experiment.runs[test.run].file,
         "bob": None if test.bob < 0 else test.bob + 1,
@@ -197,7 +197,7 @@ def _describe_test(fitted: Fitted, test: ResidualTest, statistic: float, p: floa
     }
 
 
-def list_residual_tests(fitted: Fitted, windows: list[Window]) -> list[ResidualTest]:
+def list_residual_tests(fitted: FitResult, windows: list[Window]) -> list[ResidualTest]:
     """All tests.
 
     - Of each run: all residuals, a spectral line, and the energy of the windows.
@@ -235,7 +235,7 @@ def list_residual_tests(fitted: Fitted, windows: list[Window]) -> list[ResidualT
             # A wrong amplitude leaves residuals along θ, a wrong frequency along θ̇.
             slow = _slow_basis(motion.time[mine], whole)
             for phase, shape in (("amplitude", motion.theta[mine]), ("frequency", motion.speed[mine])):
-                tests.append(add(whole, phase, motion.rows[mine], span(shape[:, None] * slow)))
+                tests.append(add(whole, phase, motion.rows[mine], orthonormal_basis(shape[:, None] * slow)))
             for low, high in itertools.pairwise(ends):
                 window = mine & (motion.time >= low) & ((motion.time < high) | (high == whole[1]))
                 flight, impact = window & ~motion.near_impact, window & motion.near_impact
@@ -256,12 +256,14 @@ def list_residual_tests(fitted: Fitted, windows: list[Window]) -> list[ResidualT
             columns = np.zeros((len(of_bob), 2 * _HARMONICS + 1))
             columns[mine] = _harmonic_basis(omega * fitted.readings.time[window.rows][mine])
             left = columns - window.absorbed @ (window.absorbed.T @ columns)
-            tests.append(ResidualTest(window.run, int(bob), window.interval, "within", window.rows, span(left)))
+            tests.append(
+                ResidualTest(window.run, int(bob), window.interval, "within", window.rows, orthonormal_basis(left))
+            )
     # A bob that the model leaves exactly at rest has no amplitude to be wrong.
     return [test for test in tests if test.basis is None or test.basis.shape[1]]
 
 
-def _early_part_tests(fitted: Fitted) -> list[ResidualTest]:
+def _early_part_tests(fitted: FitResult) -> list[ResidualTest]:
     """Tests whether first parts of each run alone have other best-fit values than the whole run.
 
     A right model has the same values in both. A wrong one is biased differently, for the residuals change with time.
@@ -273,7 +275,9 @@ def _early_part_tests(fitted: Fitted) -> list[ResidualTest]:
             until = float(first + part * (last - first))
             rows = np.flatnonzero((fitted.readings.run == run) & (fitted.readings.time <= until))
             tests.append(
-                ResidualTest(int(run), -1, (float(first), until), "unknowns", rows, span(fitted.jacobian[rows]))
+                ResidualTest(
+                    int(run), -1, (float(first), until), "unknowns", rows, orthonormal_basis(fitted.jacobian[rows])
+                )
             )
     return tests
 
@@ -291,7 +295,12 @@ def _energy_test(windows: list[Window]) -> ResidualTest:
         np.outer(window.energy / window.sd**2, own) for window, own in zip(windows, slow, strict=True)
     ])  # fmt: skip
     return ResidualTest(
-        windows[0].run, -1, whole, "energy", np.concatenate([window.rows for window in windows]), span(columns)
+        windows[0].run,
+        -1,
+        whole,
+        "energy",
+        np.concatenate([window.rows for window in windows]),
+        orthonormal_basis(columns),
     )
 
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cradle_env.release import InitialState
-from identification.inference.fit_result import Fitted, span
+from identification.inference.fit_result import FitResult, orthonormal_basis
 from identification.inference.impossible_model import ImpossibleModelError, raises_impossible
 
 #: Width of a window [small-angle periods].
@@ -58,12 +58,12 @@ class Window:
     sd: float
 
 
-def model_motions(fitted: Fitted) -> list[ModelMotion]:
+def model_motions(fitted: FitResult) -> list[ModelMotion]:
     """The fitted model at the readings of each run that has readings."""
     return [_motion(fitted, int(k)) for k in np.unique(fitted.readings.run)]
 
 
-def _motion(fitted: Fitted, index: int) -> ModelMotion:
+def _motion(fitted: FitResult, index: int) -> ModelMotion:
     likelihood, at = fitted.likelihood, fitted.readings
     rows = np.flatnonzero(at.run == index)
     times, row = np.unique(at.time[rows], return_inverse=True)
@@ -81,12 +81,12 @@ def _motion(fitted: Fitted, index: int) -> ModelMotion:
     return ModelMotion(rows, bob, at.time[rows], run.theta[row, bob], speed, near)
 
 
-def start_state_windows(fitted: Fitted) -> list[Window]:
+def start_state_windows(fitted: FitResult) -> list[Window]:
     """All windows of all runs, except those with too few readings or that cannot be simulated."""
     return [window for k in np.unique(fitted.readings.run) for window in _windows_of_run(fitted, int(k))]
 
 
-def window_edges(fitted: Fitted, index: int) -> np.ndarray:
+def window_edges(fitted: FitResult, index: int) -> np.ndarray:
     """Times in the file [s] at which the windows of a run begin, and the end of the last."""
     time = fitted.readings.time[fitted.readings.run == index]
     return equal_edges(float(time.min()), float(time.max()), _WINDOW_PERIODS * fitted.cradle.period)
@@ -97,7 +97,7 @@ def equal_edges(begin: float, end: float, width: float) -> np.ndarray:
     return np.linspace(begin, end, max(1, round((end - begin) / width)) + 1)
 
 
-def _windows_of_run(fitted: Fitted, index: int) -> list[Window]:
+def _windows_of_run(fitted: FitResult, index: int) -> list[Window]:
     likelihood, at, run = fitted.likelihood, fitted.readings, fitted.experiment.runs[index]
     values, cradle = fitted.values, likelihood.cradle(fitted.values, run)
     ends, result = window_edges(fitted, index), []
@@ -119,7 +119,7 @@ def _windows_of_run(fitted: Fitted, index: int) -> list[Window]:
         def readings_from(moved, i=i, times=times, low=low, row=row, bob=at.bob[rows]) -> np.ndarray:
             theta, theta_dot = np.split(moved, 2)
             start = InitialState(theta, theta_dot, starts.r[i], starts.r_dot[i])
-            return likelihood.observed(cradle, start, times - low, values, index)[0][row, bob]
+            return likelihood.simulate_readings(cradle, start, times - low, values, index)[0][row, bob]
 
         try:
             still = readings_from(state)
@@ -129,5 +129,7 @@ def _windows_of_run(fitted: Fitted, index: int) -> list[Window]:
         S /= steps * likelihood.noise_model.weights[index]
         slope = np.concatenate([weight * np.sin(starts.theta[i]), inertia * starts.theta_dot[i]])
         energy = -slope @ np.linalg.pinv(S)
-        result.append(Window(index, (float(low), float(high)), rows, span(S), energy, float(np.linalg.norm(energy))))
+        result.append(
+            Window(index, (float(low), float(high)), rows, orthonormal_basis(S), energy, float(np.linalg.norm(energy)))
+        )
     return result

@@ -10,9 +10,9 @@ from identification.diagnosis.criteria import MISSPECIFIED_GAP
 from identification.diagnosis.selection.search import Searcher, fit_key, refine_to_mode
 from identification.experiment.experiment import Experiment
 from identification.experiment.train_test import training_rows
-from identification.inference.fit_result import Fitted
+from identification.inference.fit_result import FitResult
 from identification.inference.impossible_model import ImpossibleModelError
-from identification.inference.start_points import placed
+from identification.inference.start_points import point_at
 
 #: The part of the training time that is fitted.
 _INNER = 2.0 / 3.0
@@ -33,7 +33,7 @@ def hold_out_last_third(experiment: Experiment) -> Experiment:
     return dataclasses.replace(experiment, runs=tuple(runs))
 
 
-def predictions(without: Fitted, refit: Fitted, searcher: Searcher) -> tuple[float, float] | None:
+def predictions(without: FitResult, refit: FitResult, searcher: Searcher) -> tuple[float, float] | None:
     """Gaps of the inner predictions of a model and of one with more, where these tell more than χ² does: far above the
     noise every effect gains much χ², by bending towards what is missing.
 
@@ -45,7 +45,7 @@ def predictions(without: Fitted, refit: Fitted, searcher: Searcher) -> tuple[flo
     return None if gap > _IN_STEP * before.training_gap() else (gap, validate_inner(refit, searcher)[1])
 
 
-def validate_inner(fitted: Fitted, searcher: Searcher) -> tuple[Fitted, float]:
+def validate_inner(fitted: FitResult, searcher: Searcher) -> tuple[FitResult, float]:
     """The model fitted to the first two thirds, and the gap of its prediction; inf where that ends before the readings
     do."""
     within = _fitted_within(fitted, searcher)
@@ -55,9 +55,9 @@ def validate_inner(fitted: Fitted, searcher: Searcher) -> tuple[Fitted, float]:
         return within, math.inf
 
 
-def _fitted_within(fitted: Fitted, searcher: Searcher) -> Fitted:
+def _fitted_within(fitted: FitResult, searcher: Searcher) -> FitResult:
     """The model fitted to the first two thirds, from where it has its mode."""
     likelihood = searcher.likelihood(hold_out_last_third(fitted.experiment))
     key = fit_key("inner", likelihood.experiment, fitted.point.tolist())
-    start = placed(likelihood, fitted.values)
-    return Fitted(likelihood, searcher.store.point(key, lambda: refine_to_mode(likelihood, start, thorough=True)))
+    start = point_at(likelihood, fitted.values)
+    return FitResult(likelihood, searcher.store.point(key, lambda: refine_to_mode(likelihood, start, thorough=True)))

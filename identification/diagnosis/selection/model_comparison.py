@@ -26,9 +26,9 @@ from identification.diagnosis.selection.inner_validation import EQUAL, predictio
 from identification.diagnosis.selection.score_test import ScoreTest, family_p, gain_neg_log10_p
 from identification.diagnosis.selection.search import Searcher
 from identification.diagnosis.selection.start_values import standing_in
-from identification.inference.fit_result import Fitted
+from identification.inference.fit_result import FitResult
 from identification.inference.impossible_model import ImpossibleModelError
-from identification.inference.least_squares import SEVERAL
+from identification.inference.least_squares import MIN_BOBS_WITH_IMPACT_ORDER
 from identification.progress import Progress
 
 #: Candidates with parameters that are refitted at most.
@@ -50,7 +50,7 @@ class Refit:
     nothing)."""
 
     candidate: Candidate
-    fitted: Fitted
+    fitted: FitResult
     gain: float
     unknowns: int
     log_evidence: float
@@ -71,7 +71,7 @@ class Decision:
 
 
 def decide(
-    fitted: Fitted, scored: ScoreTest, searcher: Searcher, tell: Progress, exhaust: bool = True,
+    fitted: FitResult, scored: ScoreTest, searcher: Searcher, tell: Progress, exhaust: bool = True,
     also: Sequence[Candidate] = (),
 ) -> Decision:  # fmt: skip
     """Refits the candidates worth it, and those given also, and decides between them and none. Asked to exhaust them,
@@ -87,10 +87,10 @@ def decide(
     return _decision(fitted, fits, scored, searcher)
 
 
-def beside(fitted: Fitted, scored: ScoreTest, other: Fitted, searcher: Searcher, tell: Progress) -> Decision:
+def beside(fitted: FitResult, scored: ScoreTest, other: FitResult, searcher: Searcher, tell: Progress) -> Decision:
     """Refits all candidates that bring no others, from where another model has its mode, far above which none is
     fitted to the end; decides between them and none."""
-    fits, enough = {}, other.chi2 + _ALWAYS * other.unit
+    fits, enough = {}, other.chi2 + _ALWAYS * other.chi2_scale
     for i, s in enumerate(scored.scores):
         if len(s.candidate.effects) == 1:
             tell("exchange", i / len(scored.scores), f"{s.candidate.label} alone")
@@ -102,13 +102,13 @@ def beside(fitted: Fitted, scored: ScoreTest, other: Fitted, searcher: Searcher,
     return _decision(fitted, fits, scored, searcher, other)
 
 
-def of_the_period(fitted: Fitted, searcher: Searcher, tell: Progress) -> dict[Candidate, Fitted]:
+def of_the_period(fitted: FitResult, searcher: Searcher, tell: Progress) -> dict[Candidate, FitResult]:
     """Near the noise, of three bobs and more: fits with what changes the period of all bobs alike, of which data can
     hardly tell one from another; the first from anywhere, the others from there. κ sets the period, too, and of many
     bobs it has so many modes that one far away may make up for the change and leave little more than noise; from there
     first order foretells nothing of it."""
     by_name = {c.name: c for c in reversed(list_candidates(fitted.cradle))}  # those with one value for all come first
-    modes = fitted.cradle.bobs >= SEVERAL and "kappa" in fitted.likelihood.names
+    modes = fitted.cradle.bobs >= MIN_BOBS_WITH_IMPACT_ORDER and "kappa" in fitted.likelihood.names
     if not modes or not by_name.keys() >= {*_PERIOD} or fitted.training_gap() > MISSPECIFIED_GAP:
         return {}
     clock, *others = (by_name[name] for name in _PERIOD)
@@ -118,7 +118,7 @@ def of_the_period(fitted: Fitted, searcher: Searcher, tell: Progress) -> dict[Ca
     except ImpossibleModelError:  # from these draws nowhere
         return {}
     fits = {clock: first}
-    if fitted.chi2 - first.chi2 > 2.0 * searcher.criteria.equivalent_log_odds * fitted.unit:
+    if fitted.chi2 - first.chi2 > 2.0 * searcher.criteria.equivalent_log_odds * fitted.chi2_scale:
         for candidate in others:
             with contextlib.suppress(ImpossibleModelError):
                 fits[candidate] = searcher.fit_with_candidate_from_mode(
@@ -128,7 +128,7 @@ def of_the_period(fitted: Fitted, searcher: Searcher, tell: Progress) -> dict[Ca
 
 
 def hidden(
-    fitted: Fitted, known: dict[Candidate, Fitted], scored: ScoreTest, searcher: Searcher, tell: Progress
+    fitted: FitResult, known: dict[Candidate, FitResult], scored: ScoreTest, searcher: Searcher, tell: Progress
 ) -> Decision:  # fmt: skip
     """What a model that leaves no more than noise may have hidden by a wrong mode: decides between known fits with a
     candidate more, what looks the same, and none, which stands unless another is clearly more probable."""
@@ -139,8 +139,8 @@ def hidden(
 
 
 def from_anywhere(
-    fitted: Fitted, decision: Decision, scored: ScoreTest, searcher: Searcher, tell: Progress,
-    enough: Callable[[Fitted], bool] | None = None,
+    fitted: FitResult, decision: Decision, scored: ScoreTest, searcher: Searcher, tell: Progress,
+    enough: Callable[[FitResult], bool] | None = None,
 ) -> Decision:  # fmt: skip
     """A decision again, after searches from anywhere for the models with each of its candidates, the most probable
     first, until one is enough: from where the model without it has its mode, refits may not find the right one. Far
@@ -160,7 +160,7 @@ def from_anywhere(
     return again(fitted, decision, scored, searcher, tell)
 
 
-def again(fitted: Fitted, decision: Decision, scored: ScoreTest, searcher: Searcher, tell: Progress) -> Decision:
+def again(fitted: FitResult, decision: Decision, scored: ScoreTest, searcher: Searcher, tell: Progress) -> Decision:
     """A decision again, by the best fits known by now, what looks the same refitted from where the best has its
     mode."""
     fits = {refit.candidate: searcher.best(refit.fitted) for refit in decision.refits}
@@ -168,7 +168,7 @@ def again(fitted: Fitted, decision: Decision, scored: ScoreTest, searcher: Searc
 
 
 def that_stands(
-    fitted: Fitted, decision: Decision, scored: ScoreTest, searcher: Searcher, tell: Progress
+    fitted: FitResult, decision: Decision, scored: ScoreTest, searcher: Searcher, tell: Progress
 ) -> Decision:  # fmt: skip
     """A decision again, after searches from anywhere, between those candidates alone with which a model leaves only
     noise and predicts what was held out."""
@@ -181,16 +181,16 @@ def that_stands(
     return dataclasses.replace(found, chosen=chosen, probability=_probability(chosen, refits))
 
 
-def _stands(fitted: Fitted, criteria: Criteria) -> bool:
+def _stands(fitted: FitResult, criteria: Criteria) -> bool:
     return only_noise(fitted, criteria) and not fails_prediction(fitted)
 
 
 def _decision(
-    fitted: Fitted, fits: Mapping[Candidate, Fitted], scored: ScoreTest, searcher: Searcher, *others: Fitted
+    fitted: FitResult, fits: Mapping[Candidate, FitResult], scored: ScoreTest, searcher: Searcher, *others: FitResult
 ) -> Decision:
     """Judges fits of a model with a candidate more, by the noise that the best of them and of others leaves."""
     best = min([*fits.values(), *others], key=lambda fit: fit.chi2, default=fitted)
-    inflation, effective = best.coloured
+    inflation, effective = best.effective_sample
     refits = []
     for candidate, fit in fits.items():
         try:
@@ -209,7 +209,7 @@ def _significant(refits: Sequence[Refit], criteria: Criteria) -> list[Refit]:
     return [refit for refit in refits if refit.p < criteria.significance_level and refit.log_evidence > 0.0]
 
 
-def _simplest(fitted: Fitted, best: Refit, refits: Sequence[Refit], searcher: Searcher) -> Refit:
+def _simplest(fitted: FitResult, best: Refit, refits: Sequence[Refit], searcher: Searcher) -> Refit:
     """Of what is about as probable as the best, that with the fewest unknowns: far above the noise evidence hangs on
     how near to its mode each model was fitted, too."""
     close = searcher.criteria.equivalent_log_odds
@@ -218,17 +218,17 @@ def _simplest(fitted: Fitted, best: Refit, refits: Sequence[Refit], searcher: Se
     return next((refit for refit in ordered if _predicts(fitted, refit, searcher)), best)
 
 
-def _predicts(fitted: Fitted, refit: Refit, searcher: Searcher) -> bool:
+def _predicts(fitted: FitResult, refit: Refit, searcher: Searcher) -> bool:
     """Whether a refit predicts better than the model without, wherever predictions tell."""
     gaps = predictions(fitted, refit.fitted, searcher)
     return gaps is None or gaps[1] < (1.0 - EQUAL) * gaps[0]
 
 
 def refitted(
-    fitted: Fitted, tried: Sequence[Candidate], scored: ScoreTest, searcher: Searcher, tell: Progress
-) -> dict[Candidate, Fitted]:  # fmt: skip
+    fitted: FitResult, tried: Sequence[Candidate], scored: ScoreTest, searcher: Searcher, tell: Progress
+) -> dict[Candidate, FitResult]:  # fmt: skip
     """Fits of the model with each of these candidates; then from where the best has its mode."""
-    fits: dict[Candidate, Fitted] = {}
+    fits: dict[Candidate, FitResult] = {}
     likely = {s.candidate: s.likely for s in scored.scores}
     for i, candidate in enumerate(tried):
         tell("refit", 0.5 * i / len(tried), candidate.label)
@@ -241,8 +241,8 @@ def refitted(
 
 
 def _alike(
-    fitted: Fitted, fits: dict[Candidate, Fitted], scored: ScoreTest, searcher: Searcher, tell: Progress
-) -> dict[Candidate, Fitted]:  # fmt: skip
+    fitted: FitResult, fits: dict[Candidate, FitResult], scored: ScoreTest, searcher: Searcher, tell: Progress
+) -> dict[Candidate, FitResult]:  # fmt: skip
     """Fits of the model with each of some candidates, and with what looks the same as the best or one near it, from
     where the best has its mode."""
     best = min(fits, key=lambda candidate: fits[candidate].chi2, default=None)
@@ -265,9 +265,9 @@ def _alike(
     return fits
 
 
-def _enough(fitted: Fitted, least: float) -> float:
+def _enough(fitted: FitResult, least: float) -> float:
     """The χ² that a candidate must come near to be fitted to the end, where the best so far has the least."""
-    return max(fitted.chi2 - _NEAR * (fitted.chi2 - least), least + _ALWAYS * fitted.unit)
+    return max(fitted.chi2 - _NEAR * (fitted.chi2 - least), least + _ALWAYS * fitted.chi2_scale)
 
 
 def worth_refitting(scored: ScoreTest) -> list[Candidate]:
@@ -281,7 +281,12 @@ def _unscored(candidate: Candidate) -> bool:
 
 
 def judged(
-    fitted: Fitted, candidate: Candidate, fit: Fitted, replicate_maxima: np.ndarray, inflation: float, effective: float
+    fitted: FitResult,
+    candidate: Candidate,
+    fit: FitResult,
+    replicate_maxima: np.ndarray,
+    inflation: float,
+    effective: float,
 ) -> Refit:
     """A refit with its figures."""
     gain = fitted.chi2 - fit.chi2

@@ -7,7 +7,7 @@ from identification.diagnosis.criteria import MISSPECIFIED_GAP
 from identification.diagnosis.selection.candidates import without_effect
 from identification.diagnosis.selection.model_comparison import log_evidence
 from identification.diagnosis.selection.search import Searcher
-from identification.inference.fit_result import Fitted
+from identification.inference.fit_result import FitResult
 from identification.inference.impossible_model import ImpossibleModelError
 from identification.progress import Progress
 
@@ -15,7 +15,7 @@ from identification.progress import Progress
 ELASTIC_STRINGS = "radial_elasticity"
 
 
-def choose_base_model(given: Fitted, searcher: Searcher, tell: Progress) -> Fitted:
+def choose_base_model(given: FitResult, searcher: Searcher, tell: Progress) -> FitResult:
     """The fit of the same model with rigid strings, where both are far from the data and it is the more evident; else
     the best mode of the model as it is. What has a prior, or is stated with all its values, is not taken out."""
     going, unknown = _with_dependents(given), given.experiment.unknown_effect_parameters
@@ -33,7 +33,7 @@ def choose_base_model(given: Fitted, searcher: Searcher, tell: Progress) -> Fitt
         rigid = searcher.fit_global(model, tell)
     except ImpossibleModelError:  # no cradle at all
         return given
-    inflation, effective = min((given, rigid), key=lambda one: one.chi2).coloured
+    inflation, effective = min((given, rigid), key=lambda one: one.chi2).effective_sample
     more = len(given.point) - len(rigid.point)
     evident = log_evidence(rigid.chi2 - given.chi2, more, inflation, effective) > 0.0
     return given if evident or min(given.training_gap(), rigid.training_gap()) < MISSPECIFIED_GAP else rigid
@@ -44,7 +44,7 @@ def removed_effects(cradle: Cradle, given: Cradle) -> list[str]:
     return [own.name for own in given.composition if not cradle.has(own.name)]
 
 
-def describe_removed_effects(fitted: Fitted, given: Fitted) -> list[str]:
+def describe_removed_effects(fitted: FitResult, given: FitResult) -> list[str]:
     """What to know where that was done."""
     names = removed_effects(fitted.cradle, given.cradle)
     more = len(given.point) - len(fitted.point)
@@ -54,7 +54,7 @@ def describe_removed_effects(fitted: Fitted, given: Fitted) -> list[str]:
     ] if names else []  # fmt: skip
 
 
-def _with_dependents(fitted: Fitted) -> list[str]:
+def _with_dependents(fitted: FitResult) -> list[str]:
     """Elastic strings and what requires them, the last first."""
     names = [ELASTIC_STRINGS]
     for name in names:

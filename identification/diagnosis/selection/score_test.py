@@ -25,10 +25,10 @@ from identification.diagnosis.selection.candidates import (
     shapes,
     with_effects,
 )
-from identification.inference.fit_result import Fitted, span
+from identification.inference.fit_result import FitResult, orthonormal_basis
 from identification.inference.impossible_model import ImpossibleModelError
 from identification.inference.likelihood import Likelihood
-from identification.inference.start_points import flat, placed
+from identification.inference.start_points import flatten_values, point_at
 
 #: First strength of the finite differences [scales of the parameter].
 _STEP = 1e-2
@@ -80,7 +80,7 @@ class ScoreTest:
     replicate_maxima: np.ndarray
 
 
-def score(fitted: Fitted, replicates: np.ndarray) -> ScoreTest:
+def score(fitted: FitResult, replicates: np.ndarray) -> ScoreTest:
     """Scores every candidate; replicates: (R + P, M), see `Fitted.replicates`."""
     found = []
     several = list_candidates(fitted.cradle)
@@ -148,7 +148,7 @@ def _gain(basis: np.ndarray, residuals: np.ndarray, single: bool) -> np.ndarray:
     return np.sum(parts**2, axis=0)
 
 
-def _seen(fitted: Fitted, S: np.ndarray) -> np.ndarray | None:
+def _seen(fitted: FitResult, S: np.ndarray) -> np.ndarray | None:
     """Orthonormal basis of what a refit leaves of the columns S; None if nothing can be seen of them."""
     lengths = np.linalg.norm(S, axis=0)
     S = S[:, lengths > 0.0] / lengths[lengths > 0.0]
@@ -158,7 +158,7 @@ def _seen(fitted: Fitted, S: np.ndarray) -> np.ndarray | None:
         return None
     if kept.sum() == 1:
         return left[:, kept] / np.linalg.norm(left[:, kept])
-    return span(left[:, kept])
+    return orthonormal_basis(left[:, kept])
 
 
 def _parallel(candidate: Candidate, found: list[tuple]) -> tuple[Candidate, ...]:
@@ -173,7 +173,7 @@ def _parallel(candidate: Candidate, found: list[tuple]) -> tuple[Candidate, ...]
     return tuple(several)
 
 
-def compute_sensitivities(fitted: Fitted, candidate: Candidate) -> list[Sensitivity]:
+def compute_sensitivities(fitted: FitResult, candidate: Candidate) -> list[Sensitivity]:
     """Each shape of a candidate with what its strengths change; none where impossible.
 
     An effect without parameters, or one that brings others along, is not small: it is judged by its refit alone.
@@ -210,18 +210,18 @@ def _strong(declared: Effect, bobs: int, shape: Values, elements: Sequence, fact
     return declared.balance(values)
 
 
-def residual_change(fitted: Fitted, candidate: Candidate, values: Values) -> np.ndarray:
+def residual_change(fitted: FitResult, candidate: Candidate, values: Values) -> np.ndarray:
     """Change of the residuals by a candidate with these values, (R + P,), all else as fitted."""
     name = candidate.declaration.name
     model = with_effects(fitted.experiment, {name: values}, candidate.unknown)
     likelihood = Likelihood(model, fitted.likelihood.rows, 1)
     stated = likelihood.values(likelihood.start())
-    point = placed(likelihood, {**stated, **fitted.values, **flat(name, values)})
+    point = point_at(likelihood, {**stated, **fitted.values, **flatten_values(name, values)})
     moved = likelihood.residuals(point)[: fitted.count] - fitted.residuals[: fitted.count]
     return np.concatenate([moved, np.zeros(len(fitted.residuals) - fitted.count)])
 
 
-def _column(fitted: Fitted, candidate: Candidate, shape: dict, parameter, element: int | None):
+def _column(fitted: FitResult, candidate: Candidate, shape: dict, parameter, element: int | None):
     """d residuals / d strength of one value of a parameter, (R + P,), by a step that the noise would just show."""
     declared, bobs = candidate.declaration, fitted.cradle.bobs
     step, found = _STEP, None

@@ -18,16 +18,16 @@ from identification.diagnosis.criteria import DEFAULT_CRITERIA, Criteria
 from identification.diagnosis.selection.candidates import Candidate, Values, starts, with_effects
 from identification.experiment.experiment import Experiment
 from identification.experiment.train_test import training_rows
-from identification.inference.fit_result import Fitted
+from identification.inference.fit_result import FitResult
 from identification.inference.impossible_model import ImpossibleModelError
-from identification.inference.least_squares import cost, refine, refined_from
+from identification.inference.least_squares import cost, refine, refine_each
 from identification.inference.likelihood import Likelihood
 from identification.inference.mode_search import early_rows, find_mode
-from identification.inference.nonsmooth import among_modes, polish
-from identification.inference.start_points import flat, placed
+from identification.inference.nonsmooth import descend, descend_among_kappa_modes
+from identification.inference.start_points import flatten_values, point_at
 from identification.progress import Progress
 from identification.storage.files import ExperimentError, json_text, write_together
-from identification.storage.provenance import program
+from identification.storage.provenance import program_hash
 from identification.storage.schema import read_json
 
 #: Strengths at which a search starts, in scales of the parameter: from as good as none, which is no worse than without.
@@ -74,7 +74,7 @@ class FitCache:
     def of(cls, out: str | Path | None, experiment: Experiment, seed: int) -> FitCache:
         """That of an experiment in folder `out` (None: in memory); fits by other code are not taken over."""
         path = None if out is None else Path(out) / "fits.json"
-        return cls(path, f"{program(known_effects())}/{experiment.digest}/{seed}")
+        return cls(path, f"{program_hash(known_effects())}/{experiment.digest}/{seed}")
 
     def point(self, key: str, find: Callable[[], np.ndarray]) -> np.ndarray:
         """The point of that key, found if it is not known; of several threads at once, too."""
@@ -94,27 +94,29 @@ class Searcher:
 
     def __init__(self, store: FitCache, seed: int, workers: int | None, criteria: Criteria = DEFAULT_CRITERIA):
         self.store, self.seed, self.workers, self.criteria = store, seed, workers, criteria
-        self._best: dict[str, Fitted] = {}
+        self._best: dict[str, FitResult] = {}
 
-    def fit_global(self, experiment: Experiment, tell: Progress | None = None) -> Fitted:
+    def fit_global(self, experiment: Experiment, tell: Progress | None = None) -> FitResult:
         """The best mode of a model, from anywhere."""
         return self.best(self._search(experiment, tell))
 
-    def _search(self, experiment: Experiment, tell: Progress | None, attempt: int = 0) -> Fitted:
+    def _search(self, experiment: Experiment, tell: Progress | None, attempt: int = 0) -> FitResult:
         """A mode of a model, from anywhere; each attempt draws other starts."""
         likelihood, seed = self.likelihood(experiment), self.seed + attempt
         key = fit_key("globally", experiment, seed)
 
         def find() -> np.ndarray:
-            return among_modes(likelihood, polish(likelihood, find_mode(likelihood, seed, tell)[1].point))
+            return descend_among_kappa_modes(
+                likelihood, descend(likelihood, find_mode(likelihood, seed, tell)[1].point)
+            )
 
-        return Fitted(likelihood, self.store.point(key, find))
+        return FitResult(likelihood, self.store.point(key, find))
 
-    def fit_global_with(self, fitted: Fitted, candidate: Candidate) -> Fitted:
+    def fit_global_with(self, fitted: FitResult, candidate: Candidate) -> FitResult:
         """The best mode of a model with a candidate added, from anywhere."""
         return self.fit_global(self._with(fitted, candidate).experiment)
 
-    def refit_multistart(self, fitted: Fitted, tell: Progress | None = None) -> Fitted:
+    def refit_multistart(self, fitted: FitResult, tell: Progress | None = None) -> FitResult:
         """The best mode of a model again, with more effort: searches from anywhere until one comes to the same χ² as
         the best so far, for modes multiply with the bobs; then the modes about what is best by now, which may come
         from elsewhere."""
@@ -124,25 +126,25 @@ class Searcher:
                 found = self._search(fitted.experiment, tell, attempt)
             except ImpossibleModelError:  # from these draws nowhere
                 continue
-            agreed = abs(found.chi2 - best.chi2) < best.unit
+            agreed = abs(found.chi2 - best.chi2) < best.chi2_scale
             best = self.best(found)
             if agreed:
                 break
         key = fit_key("settled", best.experiment, best.point.tolist())
-        point = self.store.point(key, lambda: among_modes(best.likelihood, best.point))
-        return self.best(Fitted(best.likelihood, point))
+        point = self.store.point(key, lambda: descend_among_kappa_modes(best.likelihood, best.point))
+        return self.best(FitResult(best.likelihood, point))
 
-    def fit_from_values(self, experiment: Experiment, values: Mapping[str, float]) -> Fitted:
+    def fit_from_values(self, experiment: Experiment, values: Mapping[str, float]) -> FitResult:
         """The best mode known of a model, or that which is reached from these values of its unknowns."""
         known = self._best.get(fit_key("best", experiment))
         if known is not None:
             return known
         likelihood = self.likelihood(experiment)
         key = fit_key("nearby", experiment, sorted(values.items()))
-        point = placed(likelihood, values)
-        return self.best(Fitted(likelihood, self.store.point(key, lambda: refine_to_mode(likelihood, point))))
+        point = point_at(likelihood, values)
+        return self.best(FitResult(likelihood, self.store.point(key, lambda: refine_to_mode(likelihood, point))))
 
-    def fit_all_data(self, fitted: Fitted) -> Fitted:
+    def fit_all_data(self, fitted: FitResult) -> FitResult:
         """The fit moved to all readings that may be fitted, which choose nothing any more; with a law, whose terms go
         with their mode of the other unknowns, to no other mode."""
         likelihood = Likelihood(fitted.experiment, None, self.workers)
@@ -150,13 +152,13 @@ class Searcher:
 
         def find() -> np.ndarray:
             point = refine_to_mode(likelihood, fitted.point)
-            return point if fitted.learned else among_modes(likelihood, point)
+            return point if fitted.has_learned_law else descend_among_kappa_modes(likelihood, point)
 
-        return Fitted(likelihood, self.store.point(key, find))
+        return FitResult(likelihood, self.store.point(key, find))
 
     def fit_with_candidate(
-        self, fitted: Fitted, candidate: Candidate, likely: Sequence[Values] = (), enough: float = math.inf
-    ) -> Fitted:
+        self, fitted: FitResult, candidate: Candidate, likely: Sequence[Values] = (), enough: float = math.inf
+    ) -> FitResult:
         """The best fit of the model with a candidate added: from the mode without it and from what was stated, at
         several strengths on both sides and where it is `likely`; and, where it brings no parameter or brings other
         effects along, from anywhere. A fit that is far from a χ² of `enough` is left unfinished."""
@@ -167,21 +169,21 @@ class Searcher:
 
         def find() -> np.ndarray:
             if not own.parameters or len(candidate.effects) > 1:
-                return polish(likelihood, find_mode(likelihood, self.seed)[1].point)
+                return descend(likelihood, find_mode(likelihood, self.seed)[1].point)
             origins = {**likelihood.values(likelihood.start()), **fitted.values}, {}
-            several = [flat(own.name, values) for values in starts(own, fitted.cradle.bobs, _FACTORS)]
-            tried = [placed(likelihood, {**origin, **values}) for values in several for origin in origins]
-            tried += [placed(likelihood, {**origins[0], **flat(own.name, values)}) for values in likely]
+            several = [flatten_values(own.name, values) for values in starts(own, fitted.cradle.bobs, _FACTORS)]
+            tried = [point_at(likelihood, {**origin, **values}) for values in several for origin in origins]
+            tried += [point_at(likelihood, {**origins[0], **flatten_values(own.name, values)}) for values in likely]
             return best_of(likelihood, tried, early_too=True, enough=enough)
 
-        begun = [sorted(flat(own.name, values).items()) for values in likely]
+        begun = [sorted(flatten_values(own.name, values).items()) for values in likely]
         key = fit_key("adding", likelihood.experiment, fitted.point.tolist(), self.seed, begun, enough)
-        return self.best(Fitted(likelihood, self.store.point(key, find)))
+        return self.best(FitResult(likelihood, self.store.point(key, find)))
 
     def fit_with_candidate_from_mode(
-        self, fitted: Fitted, candidate: Candidate, other: Fitted, likely: Sequence[Values] = (),
+        self, fitted: FitResult, candidate: Candidate, other: FitResult, likely: Sequence[Values] = (),
         enough: float = math.inf,
-    ) -> Fitted:  # fmt: skip
+    ) -> FitResult:  # fmt: skip
         """The best fit of the model with a candidate added, once more: from where another model has its mode. Modes
         that differ in κ are common to all of them, and what bends one model into a wrong one hides from the next. A
         fit that is far from a χ² of `enough` is left unfinished."""
@@ -189,19 +191,19 @@ class Searcher:
         if not own.parameters or len(candidate.effects) > 1:
             return self.fit_with_candidate(fitted, candidate)
         several = [*starts(own, fitted.cradle.bobs, _FACTORS), *likely]
-        tried = [placed(likelihood, {**other.values, **flat(own.name, values)}) for values in several]
-        begun = [sorted(flat(own.name, values).items()) for values in likely]
+        tried = [point_at(likelihood, {**other.values, **flatten_values(own.name, values)}) for values in several]
+        begun = [sorted(flatten_values(own.name, values).items()) for values in likely]
         key = fit_key("beside", likelihood.experiment, fitted.point.tolist(), other.point.tolist(), begun, enough)
         point = self.store.point(key, lambda: best_of(likelihood, tried, early_too=False, enough=enough))
-        return self.best(Fitted(likelihood, point))
+        return self.best(FitResult(likelihood, point))
 
-    def fit_from_mode(self, fitted: Fitted, other: Fitted) -> Fitted:
+    def fit_from_mode(self, fitted: FitResult, other: FitResult) -> FitResult:
         """The best fit of a model, once more: from where another model has its mode."""
-        likelihood, point = fitted.likelihood, placed(fitted.likelihood, other.values)
+        likelihood, point = fitted.likelihood, point_at(fitted.likelihood, other.values)
         key = fit_key("beside", fitted.experiment, other.point.tolist())
-        return self.best(Fitted(likelihood, self.store.point(key, lambda: refine_to_mode(likelihood, point))))
+        return self.best(FitResult(likelihood, self.store.point(key, lambda: refine_to_mode(likelihood, point))))
 
-    def _with(self, fitted: Fitted, candidate: Candidate) -> Likelihood:
+    def _with(self, fitted: FitResult, candidate: Candidate) -> Likelihood:
         """The likelihood of the model with a candidate added, at its scale."""
         brought = {name: next(starts(effect(name), fitted.cradle.bobs, (1.0,))) for name in candidate.effects}
         return self.likelihood(with_effects(fitted.experiment, brought, candidate.unknown))
@@ -210,7 +212,7 @@ class Searcher:
         """That of the training part."""
         return Likelihood(experiment, training_rows(experiment)[0], self.workers)
 
-    def best(self, fitted: Fitted) -> Fitted:
+    def best(self, fitted: FitResult) -> FitResult:
         """The best fit of the model of a fit so far."""
         key = fit_key("best", fitted.experiment)
         known = self._best.get(key)
@@ -233,13 +235,13 @@ def best_of(
         costs = np.array(in_threads(lambda z, some=some: cost(some, z), tried, likelihood.workers))
         followed = [tried[i] for i in np.argsort(costs)[:_FOLLOWED] if np.isfinite(costs[i])]
         if some is not likelihood:
-            followed = [point for point, _ in refined_from(some, followed, _FIRST)]
-        reached += refined_from(likelihood, followed, _FIRST)
+            followed = [point for point, _ in refine_each(some, followed, _FIRST)]
+        reached += refine_each(likelihood, followed, _FIRST)
     if not reached:
         raise ImpossibleModelError("none of the starting values can be simulated")
     nearest = min(reached, key=lambda pair: pair[1])
     if nearest[1] > enough:
-        near = polish(likelihood, nearest[0], _FEW)
+        near = descend(likelihood, nearest[0], _FEW)
         reached.append((near, cost(likelihood, near)))
         if reached[-1][1] > enough:
             return near
@@ -247,13 +249,13 @@ def best_of(
     for point, least in sorted(reached, key=lambda pair: pair[1]):
         if all(abs(least - other) > 1e-2 for _, other in distinct):
             distinct.append((point, least))
-    ends = refined_from(likelihood, [point for point, _ in distinct[: _KEPT if early_too else 1]], _LAST)
-    return polish(likelihood, min(ends, key=lambda pair: pair[1])[0])
+    ends = refine_each(likelihood, [point for point, _ in distinct[: _KEPT if early_too else 1]], _LAST)
+    return descend(likelihood, min(ends, key=lambda pair: pair[1])[0])
 
 
 def refine_to_mode(likelihood: Likelihood, point: np.ndarray, thorough: bool = False) -> np.ndarray:
     """The mode near a point, (D,); thorough: see `polish`."""
-    return polish(likelihood, refine(likelihood, point, _LAST)[0], thorough=thorough)
+    return descend(likelihood, refine(likelihood, point, _LAST)[0], thorough=thorough)
 
 
 def fit_key(what: str, experiment: Experiment, *more: Any) -> str:

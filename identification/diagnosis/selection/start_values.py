@@ -6,13 +6,13 @@ import numpy as np
 
 from identification.diagnosis.selection.candidates import Candidate, Values, parameter_of
 from identification.diagnosis.selection.score_test import compute_sensitivities
-from identification.inference.fit_result import Fitted
+from identification.inference.fit_result import FitResult
 
 #: Strengths of a candidate that do this nearly the same, relatively, are taken together.
 _PARALLEL = 1e-6
 
 
-def standing_in(fitted: Fitted, other: Fitted, candidate: Candidate) -> list[Values]:
+def standing_in(fitted: FitResult, other: FitResult, candidate: Candidate) -> list[Values]:
     """Values of a candidate, to be added to the model of `fitted`: one for each of its shapes, which does to first
     order what the effects do that `other` has beyond that model, all else being as `other` has it; if it is one of
     these effects itself, its values there, said with their mean where the candidate has them all alike. Two that act
@@ -31,7 +31,7 @@ def standing_in(fitted: Fitted, other: Fitted, candidate: Candidate) -> list[Val
     ]
 
 
-def _as_in(other: Fitted, candidate: Candidate) -> Values:
+def _as_in(other: FitResult, candidate: Candidate) -> Values:
     """The values of a candidate in a model that has it."""
     values = other.cradle.effects[candidate.name]
     if not candidate.shared:
@@ -43,7 +43,7 @@ def _as_in(other: Fitted, candidate: Candidate) -> Values:
     }  # fmt: skip
 
 
-def _grown(fitted: Fitted, name: str) -> float:
+def _grown(fitted: FitResult, name: str) -> float:
     """The change of an unknown's coordinate by which an effect came in, to first order; 0 of what means nothing
     without it, nan where it came from infinity."""
     parameter = parameter_of(name)

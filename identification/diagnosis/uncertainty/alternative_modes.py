@@ -18,11 +18,11 @@ from cradle_env.threads import in_threads
 from identification.diagnosis.selection.candidates import parameter_of
 from identification.diagnosis.selection.search import PointCache, fit_key
 from identification.diagnosis.uncertainty.conditional_likelihood import ConditionalLikelihood, refit_others
-from identification.inference.fit_result import Fitted
-from identification.inference.impact_order_noise import size
-from identification.inference.laplace import mode_at
-from identification.inference.least_squares import SEVERAL, bounds, jacobian
-from identification.inference.nonsmooth import broad_jacobian
+from identification.inference.fit_result import FitResult
+from identification.inference.impact_order_noise import impact_order_chi2
+from identification.inference.laplace import laplace_approximation
+from identification.inference.least_squares import MIN_BOBS_WITH_IMPACT_ORDER, bounds, difference_jacobian
+from identification.inference.nonsmooth import wide_difference_jacobian
 
 #: Ratio of a parameter's values from the mode to the first rung of the ladder.
 _RATIO = 1.5
@@ -38,7 +38,7 @@ _WALL = 100.0
 _IMPOSSIBLE = 1e12
 
 
-def find_alternative_modes(fitted: Fitted, chance: float, cache: PointCache) -> tuple[np.ndarray, np.ndarray]:
+def find_alternative_modes(fitted: FitResult, chance: float, cache: PointCache) -> tuple[np.ndarray, np.ndarray]:
     """Points (K, D) that fit as well as the mode, and half widths (K, D) of the confidence interval about each.
 
     chance: probability that the truth lies outside. cache: of the points and widths, which need many refits.
@@ -55,7 +55,7 @@ def find_alternative_modes(fitted: Fitted, chance: float, cache: PointCache) -> 
     return points, widths
 
 
-def shape_unknowns(fitted: Fitted) -> list[int]:
+def shape_unknowns(fitted: FitResult) -> list[int]:
     """Indices of the unknowns that are shape parameters of effects on a logarithmic scale, learned laws excepted."""
     learned = {declared.name for declared in LEARNED}
     indices = []
@@ -66,14 +66,22 @@ def shape_unknowns(fitted: Fitted) -> list[int]:
     return indices
 
 
-def _modes_along(fitted: Fitted, i: int, chance: float) -> np.ndarray:
+def _modes_along(fitted: FitResult, i: int, chance: float) -> np.ndarray:
     """Alternative modes at other values of unknown i: points and widths, (K, 2 D)."""
     rungs = _refit_ladder(fitted, i)
-    points, risen = rungs[:, :-1], np.clip((rungs[:, -1] - fitted.chi2) / fitted.coloured[0], 0.0, _IMPOSSIBLE)
+    points, risen = (
+        rungs[:, :-1],
+        np.clip((rungs[:, -1] - fitted.chi2) / fitted.effective_sample.inflation, 0.0, _IMPOSSIBLE),
+    )
     single, enough = (float(chi2_distribution.isf(chance / n, 1)) for n in (1, len(rungs)))
-    if fitted.cradle.bobs >= SEVERAL:
-        jumps = size(fitted.likelihood, fitted.point, fitted.jacobian, fitted.coloured[0] * fitted.smooth)
-        enough += jumps / fitted.coloured[0] if math.isfinite(jumps) else 0.0
+    if fitted.cradle.bobs >= MIN_BOBS_WITH_IMPACT_ORDER:
+        jumps = impact_order_chi2(
+            fitted.likelihood,
+            fitted.point,
+            fitted.jacobian,
+            fitted.effective_sample.inflation * fitted.laplace_covariance,
+        )
+        enough += jumps / fitted.effective_sample.inflation if math.isfinite(jumps) else 0.0
     modes = [(point, enough - rise) for point, rise in zip(points, risen, strict=True) if rise < enough]
     for k in np.flatnonzero(np.diff(risen < enough)):  # interpolated to the χ² that is allowed
         share = (math.sqrt(enough) - math.sqrt(risen[k])) / (math.sqrt(risen[k + 1]) - math.sqrt(risen[k]))
@@ -82,21 +90,25 @@ def _modes_along(fitted: Fitted, i: int, chance: float) -> np.ndarray:
     def with_widths(mode: tuple[np.ndarray, float]) -> np.ndarray:
         point, room = mode
         there, others = ConditionalLikelihood(fitted.likelihood, i, point[i]), np.delete(point, i)
-        derivatives = broad_jacobian if fitted.cradle.bobs >= SEVERAL else jacobian
-        covariance = mode_at(there, others, derivatives(there, others, there.residuals(others))).covariance
-        widths = np.sqrt(min(room, single) * fitted.coloured[0] * np.diag(covariance))
+        derivatives = (
+            wide_difference_jacobian if fitted.cradle.bobs >= MIN_BOBS_WITH_IMPACT_ORDER else difference_jacobian
+        )
+        covariance = laplace_approximation(
+            there, others, derivatives(there, others, there.residuals(others))
+        ).covariance
+        widths = np.sqrt(min(room, single) * fitted.effective_sample.inflation * np.diag(covariance))
         return np.concatenate([point, np.insert(widths, i, 0.0)])
 
     return np.array(in_threads(with_widths, modes, fitted.likelihood.workers))
 
 
-def _refit_ladder(fitted: Fitted, i: int) -> np.ndarray:
+def _refit_ladder(fitted: FitResult, i: int) -> np.ndarray:
     """Refits with unknown i fixed at one rung after the other, both ways from the mode until χ² has risen to the wall.
 
     Returns the points and their χ², in the order of the unknown, (K, D + 1).
     """
     low, high = (float(bound[i]) for bound in bounds(fitted.likelihood))
-    wall = fitted.chi2 + _WALL * fitted.coloured[0]
+    wall = fitted.chi2 + _WALL * fitted.effective_sample.inflation
 
     def climb(side: float) -> list[np.ndarray]:
         at, last, slope, rungs = fitted.point, fitted.chi2, np.zeros(len(fitted.point)), []

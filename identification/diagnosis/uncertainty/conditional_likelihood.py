@@ -29,9 +29,9 @@ class ConditionalLikelihood:
         """Names of the other unknowns, (D − 1,)."""
         return [u.name for u in self.unknowns]
 
-    def parts(self) -> list[slice]:
+    def reading_slices(self) -> list[slice]:
         """The residuals of each run."""
-        return self._of.parts()
+        return self._of.reading_slices()
 
     def residuals(self, point: np.ndarray) -> np.ndarray:
         """Residuals (R + P,) at a point (D − 1,) of the other unknowns."""

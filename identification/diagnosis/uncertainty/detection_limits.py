@@ -30,12 +30,12 @@ from identification.diagnosis.selection.score_test import (
 from identification.diagnosis.selection.search import PointCache, compute_uncached, fit_key
 from identification.diagnosis.uncertainty.profile_likelihood import REFIT_EVALUATIONS, find_profile_end
 from identification.inference import impact_order_noise
-from identification.inference.fit_result import Fitted
+from identification.inference.fit_result import FitResult
 from identification.inference.impossible_model import ImpossibleModelError
-from identification.inference.least_squares import SEVERAL, bounds, cost, refine
+from identification.inference.least_squares import MIN_BOBS_WITH_IMPACT_ORDER, bounds, cost, refine
 from identification.inference.likelihood import Likelihood
 from identification.inference.linear_algebra import on_one_thread
-from identification.inference.nonsmooth import lengths_of, polish
+from identification.inference.nonsmooth import column_norms, descend
 
 #: Probability that the true strength is below its limit.
 _CONFIDENCE = 0.95
@@ -96,7 +96,7 @@ class _LinearLimit:
 
 @on_one_thread
 def compute_detection_limits(
-    fitted: Fitted, scores: Sequence[CandidateScore], cache: PointCache = compute_uncached
+    fitted: FitResult, scores: Sequence[CandidateScore], cache: PointCache = compute_uncached
 ) -> tuple[DetectionLimit, ...]:
     """Detection limits of all absent effects that have one strength, the largest bias first.
 
@@ -129,7 +129,7 @@ def _linear_shift(one: _LinearLimit) -> np.ndarray:
     return np.array([]) if one.limit is None else one.limit * np.array([1.0, *one.slope])
 
 
-def _detection_limit(fitted: Fitted, sd: np.ndarray, one: _LinearLimit, reached: np.ndarray) -> DetectionLimit:
+def _detection_limit(fitted: FitResult, sd: np.ndarray, one: _LinearLimit, reached: np.ndarray) -> DetectionLimit:
     """The limit as it is reported. sd (D,): of the point. reached: as `_linear_shift` returns it."""
     candidate, parameter = one.candidate, one.parameter
     if not len(reached):
@@ -142,7 +142,9 @@ def _detection_limit(fitted: Fitted, sd: np.ndarray, one: _LinearLimit, reached:
     return DetectionLimit(candidate.name, candidate.shared, parameter, parameter.at_strength(limit), shifts)
 
 
-def _linear_limit(fitted: Fitted, candidate: Candidate, sensitivity: Sensitivity, parameter: Parameter) -> _LinearLimit:
+def _linear_limit(
+    fitted: FitResult, candidate: Candidate, sensitivity: Sensitivity, parameter: Parameter
+) -> _LinearLimit:
     """The detection limit of one shape of a candidate, to first order."""
     if math.isinf(parameter.absent):
         low, high = 0.0, parameter.scale / parameter.low if parameter.low > 0.0 else math.inf
@@ -152,14 +154,14 @@ def _linear_limit(fitted: Fitted, candidate: Candidate, sensitivity: Sensitivity
     return _LinearLimit(candidate, sensitivity, parameter, low, high, limit, S, _compensating_step(fitted, S))
 
 
-def _find_detection_limit(fitted: Fitted, sd: np.ndarray, one: _LinearLimit, cache: PointCache) -> DetectionLimit:
+def _find_detection_limit(fitted: FitResult, sd: np.ndarray, one: _LinearLimit, cache: PointCache) -> DetectionLimit:
     """The detection limit of one effect."""
     what = one.candidate.label, one.limit, one.slope.tolist()
     key = fit_key("limit", fitted.experiment, fitted.point.tolist(), *what)
     return _detection_limit(fitted, sd, one, cache(key, lambda: _follow_where_nonlinear(fitted, one)))
 
 
-def _follow_where_nonlinear(fitted: Fitted, one: _LinearLimit) -> np.ndarray:
+def _follow_where_nonlinear(fitted: FitResult, one: _LinearLimit) -> np.ndarray:
     """The limit as `_linear_shift` returns it; by a profile where first order fails."""
     if one.limit is None or (rounds := _nonsmooth_rounds(fitted, one, one.limit)) is None:
         return _linear_shift(one)
@@ -167,13 +169,13 @@ def _follow_where_nonlinear(fitted: Fitted, one: _LinearLimit) -> np.ndarray:
 
 
 def _strength_limit(
-    fitted: Fitted, candidate: Candidate, sensitivity: Sensitivity, low: float, high: float
+    fitted: FitResult, candidate: Candidate, sensitivity: Sensitivity, low: float, high: float
 ) -> tuple[float | None, np.ndarray]:
     """(limit of the strength [scales], change of the residuals per scale there (R + P,)), to first order.
 
     The limit is None if the data do not constrain the effect within its bounds.
     """
-    S, limit, inflation = sensitivity.S[:, 0], math.nan, fitted.coloured[0]
+    S, limit, inflation = sensitivity.S[:, 0], math.nan, fitted.effective_sample.inflation
     for _ in range(_SECANT_ROUNDS):  # secants, for an effect that grows as a square, such as blur
         remaining = fitted.project(S)
         size = float(remaining @ remaining)
@@ -191,25 +193,28 @@ def _strength_limit(
     return limit, S
 
 
-def _compensating_step(fitted: Fitted, S: np.ndarray) -> np.ndarray:
+def _compensating_step(fitted: FitResult, S: np.ndarray) -> np.ndarray:
     """−J⁺ S, (D,): the step of the unknowns that compensates a change S of the residuals."""
-    lengths = lengths_of(fitted.jacobian)
+    lengths = column_norms(fitted.jacobian)
     return -np.linalg.lstsq(fitted.jacobian / lengths, S)[0] / lengths
 
 
-def _likelihood_at(fitted: Fitted, one: _LinearLimit, s: float) -> Likelihood:
+def _likelihood_at(fitted: FitResult, one: _LinearLimit, s: float) -> Likelihood:
     """The conditional likelihood of the model with an effect of strength s [scales]."""
     model = with_effects(fitted.experiment, {one.candidate.name: one.sensitivity.values(np.array([s]))}, ())
     return Likelihood(model, fitted.likelihood.rows, 1)
 
 
-def _nonsmooth_rounds(fitted: Fitted, one: _LinearLimit, limit: float) -> int | None:
+def _nonsmooth_rounds(fitted: FitResult, one: _LinearLimit, limit: float) -> int | None:
     """Rounds of the nonsmooth descent that refits at the limit need; None if first order holds and none are needed.
 
     First order holds if the residuals at the limit, with the unknowns shifted to compensate, are those predicted.
     Rounds are needed where readings jump with the order of impacts, with three bobs or more.
     """
-    several, most = fitted.cradle.bobs >= SEVERAL, _MAX_NONLINEAR_CHI2 * fitted.coloured[0]
+    several, most = (
+        fitted.cradle.bobs >= MIN_BOBS_WITH_IMPACT_ORDER,
+        _MAX_NONLINEAR_CHI2 * fitted.effective_sample.inflation,
+    )
     try:
         likelihood = _likelihood_at(fitted, one, limit)
         point = np.clip(fitted.point + limit * one.slope, *bounds(likelihood))
@@ -218,17 +223,20 @@ def _nonsmooth_rounds(fitted: Fitted, one: _LinearLimit, limit: float) -> int | 
         return _DESCENT_ROUNDS if several else 0
     if float(departure @ departure) <= most:
         return None
-    jump = several and impact_order_noise.size(likelihood, point, fitted.jacobian, fitted.smooth) > most
+    jump = (
+        several
+        and impact_order_noise.impact_order_chi2(likelihood, point, fitted.jacobian, fitted.laplace_covariance) > most
+    )
     return _DESCENT_ROUNDS if jump else 0
 
 
-def _follow_profile(fitted: Fitted, one: _LinearLimit, rounds: int) -> np.ndarray:
+def _follow_profile(fitted: FitResult, one: _LinearLimit, rounds: int) -> np.ndarray:
     """The limit [scales] by the profile of χ², and the shift of the point there, (1 + D,).
 
     Returns (0,) if the data do not constrain the strength within its bounds. rounds: of the nonsmooth descent in each
     refit.
     """
-    inflation = fitted.coloured[0]
+    inflation = fitted.effective_sample.inflation
     sd = math.sqrt(inflation) / float(np.linalg.norm(fitted.project(one.S)))
     profile = {0.0: (fitted.chi2, fitted.point)}
 
@@ -236,7 +244,7 @@ def _follow_profile(fitted: Fitted, one: _LinearLimit, rounds: int) -> np.ndarra
         likelihood = _likelihood_at(fitted, one, s)
         point, chi2 = refine(likelihood, start, REFIT_EVALUATIONS)
         if math.isfinite(chi2):
-            polished = polish(likelihood, point, rounds, widths=fitted.widths)
+            polished = descend(likelihood, point, rounds, widths=fitted.widths)
             if not np.array_equal(polished, point):
                 point, chi2 = polished, cost(likelihood, polished)
             profile[s] = chi2, point

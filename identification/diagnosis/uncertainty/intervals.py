@@ -13,8 +13,8 @@ from identification.diagnosis.selection.search import PointCache, compute_uncach
 from identification.diagnosis.uncertainty.alternative_modes import find_alternative_modes, shape_unknowns
 from identification.diagnosis.uncertainty.conditional_likelihood import refit_others
 from identification.diagnosis.uncertainty.profile_likelihood import REFIT_EVALUATIONS, find_profile_end
-from identification.inference.fit_result import Fitted
-from identification.inference.least_squares import SEVERAL, bounds
+from identification.inference.fit_result import FitResult
+from identification.inference.least_squares import MIN_BOBS_WITH_IMPACT_ORDER, bounds
 from identification.inference.linear_algebra import on_one_thread
 
 #: Probabilities below the median and below the two ends of an interval.
@@ -33,7 +33,7 @@ class Interval:
 
 
 @on_one_thread
-def compute_intervals(fitted: Fitted, cache: PointCache = compute_uncached) -> dict[str, Interval]:
+def compute_intervals(fitted: FitResult, cache: PointCache = compute_uncached) -> dict[str, Interval]:
     """Median and 95 % interval of each unknown, by name.
 
     1. The Laplace approximation, inflated for correlated residuals and truncated at the bounds.
@@ -45,7 +45,10 @@ def compute_intervals(fitted: Fitted, cache: PointCache = compute_uncached) -> d
     """
     deviations = np.sqrt(np.maximum(np.diag(fitted.covariance), 1e-300))
     others, widths = find_alternative_modes(fitted, 2.0 * _QUANTILES[1], cache)
-    smooth, shapes = fitted.cradle.bobs < SEVERAL and not fitted.learned, shape_unknowns(fitted)
+    smooth, shapes = (
+        fitted.cradle.bobs < MIN_BOBS_WITH_IMPACT_ORDER and not fitted.has_learned_law,
+        shape_unknowns(fitted),
+    )
     followed = [i for i, u in enumerate(fitted.likelihood.unknowns) if smooth and not u.nuisance and i not in shapes]
     steps = [(i, sign * deviations[i]) for i in followed for sign in (-1.0, 1.0)]
 
@@ -73,13 +76,13 @@ def compute_intervals(fitted: Fitted, cache: PointCache = compute_uncached) -> d
     return result
 
 
-def _interval_end(fitted: Fitted, i: int, step: float) -> float:
+def _interval_end(fitted: FitResult, i: int, step: float) -> float:
     """The coordinate of unknown i where its profile of χ² over the inflation has risen to the end of the interval.
 
     step: one standard deviation of the coordinate, towards the side that is searched. Returns the bound of the unknown
     if the profile does not rise so far.
     """
-    likelihood, least, inflation = fitted.likelihood, fitted.chi2, fitted.coloured[0]
+    likelihood, least, inflation = fitted.likelihood, fitted.chi2, fitted.effective_sample.inflation
     within = bounds(likelihood)
     limit = float(within[0 if step < 0.0 else 1][i])
 

@@ -10,8 +10,15 @@ import pytest
 
 from identification.bench import diagnosis as bench
 from studies.diagnosis.errors import ROWS as AGAIN_ROWS
-from studies.diagnosis.errors import again, chosen
-from studies.diagnosis.rows import below, confounded, exact, first, inside, of_the_right_model, rows_of
+from studies.diagnosis.errors import choose_rows, film_again
+from studies.diagnosis.rows import (
+    below_detection_limit,
+    is_confounded,
+    is_exact,
+    read_rows,
+    rightly_named,
+    values_covered,
+)
 from studies.diagnosis.study import (
     EARLIER,
     HELD_OUT,
@@ -24,10 +31,10 @@ from studies.diagnosis.study import (
     Settings,
     _commit,
     cases,
-    held_out,
-    strengths_for,
+    find_strengths,
+    is_held_out,
 )
-from studies.diagnosis.table import PAGE, ROWS, filmed_again, misses, share, summary, text
+from studies.diagnosis.table import PAGE, ROWS, filmed_again, format_share, misses_table, render_page, summary
 from tests.reference.laboratory import correlated_noise
 
 SYMMETRIC = [["clock_scale"], ["length_mismatch"], ["added_mass"]]
@@ -39,7 +46,7 @@ def row(hidden: list[str], named=(), one_of=(), verdict="", **more) -> dict:
     found = {"hidden": hidden, "verdict": judged, "named": [*named], "one of": [*one_of]}
     return {
         "case": "12-some", "bobs": 2, "noise": 1e-3, "oracle": 50.0, "variant": False, "gap after": 1.0, "errors": {},
-        "seconds": 10.0, **found, "right": bench.right(judged, named, one_of, hidden), **more,
+        "seconds": 10.0, **found, "right": bench.is_right(judged, named, one_of, hidden), **more,
     }  # fmt: skip
 
 
@@ -64,7 +71,7 @@ def row(hidden: list[str], named=(), one_of=(), verdict="", **more) -> dict:
     ],
 )
 def test_a_verdict_is_right_where_it_says_what_is_hidden(verdict, found, equivalent, hidden, expected):
-    assert bench.right(verdict, found, equivalent, hidden) is expected
+    assert bench.is_right(verdict, found, equivalent, hidden) is expected
 
 
 def test_a_row_says_what_was_hidden_and_how_far_off_it_came_out():
@@ -88,7 +95,7 @@ def test_a_row_says_what_was_hidden_and_how_far_off_it_came_out():
 
 
 @pytest.mark.parametrize(
-    "hidden, named, one_of, comes_first, exactly",
+    "hidden, named, one_of, at_first, exactly",
     [
         ("quadratic_drag", ["quadratic_drag"], [], True, True),
         ("quadratic_drag", ["pivot_friction", "quadratic_drag"], [], False, False),
@@ -103,15 +110,15 @@ def test_a_row_says_what_was_hidden_and_how_far_off_it_came_out():
         ("length_mismatch", ["length_mismatch"], [], True, True),
     ],
 )
-def test_a_tie_counts_only_among_what_is_the_same(hidden, named, one_of, comes_first, exactly):
+def test_a_tie_counts_only_among_what_is_the_same(hidden, named, one_of, at_first, exactly):
     judged = row([hidden], named, one_of)
-    assert (first(judged), exact(judged)) == (comes_first, exactly)
+    assert (comes_first(judged), is_exact(judged)) == (at_first, exactly)
 
 
 def test_shares_have_intervals_by_wilson():
-    assert share([], lambda _: True) == "–"
-    assert share([row(["a"], ["a"])] * 9 + [row(["a"])], exact) == "9 of 10 (60–98 %)"
-    assert share([row([])] * 120, lambda one: not exact(one)) == "0 of 120 (0–3 %)"
+    assert format_share([], lambda _: True) == "–"
+    assert format_share([row(["a"], ["a"])] * 9 + [row(["a"])], is_exact) == "9 of 10 (60–98 %)"
+    assert format_share([row([])] * 120, lambda one: not is_exact(one)) == "0 of 120 (0–3 %)"
 
 
 def test_misses_are_listed_with_what_is_known_of_them():
@@ -119,7 +126,7 @@ def test_misses_are_listed_with_what_is_known_of_them():
                **{"made by": {"quadratic_drag": {"c2": 0.01}}},
                unseen=[{"effect": "quadratic_drag", "parameter": "c2", "most": 0.02}])  # fmt: skip
     incomplete = row(["added_mass"], [], SYMMETRIC[:2], case="13-other", verdict="equivalent")
-    lines = misses([row(["angle_offset"], ["angle_offset"]), weak, incomplete])
+    lines = misses_table([row(["angle_offset"], ["angle_offset"]), weak, incomplete])
     assert len(lines) == 2 + 2 + 1
     assert (
         lines[2] == "| 12-some | quadratic_drag | 2 | 1 mrad | 19 | 9.1 | nothing_missing |  | +3.8, +26.7 | yes |  |"
@@ -137,9 +144,9 @@ def test_misses_are_listed_with_what_is_known_of_them():
 )  # fmt: skip
 def test_what_is_hidden_is_held_against_the_limit_that_was_told(value, limit, expected):
     unseen = [{"effect": "some", "parameter": "strength", **limit}]
-    assert below({"unseen": unseen, "made by": {"some": {"strength": value}}}) == expected
-    assert below({"unseen": unseen, "made by": {"variant": {"strength": value}}}) == ""
-    assert below({}) == ""
+    assert below_detection_limit({"unseen": unseen, "made by": {"some": {"strength": value}}}) == expected
+    assert below_detection_limit({"unseen": unseen, "made by": {"variant": {"strength": value}}}) == ""
+    assert below_detection_limit({}) == ""
 
 
 def test_intervals_are_held_against_what_was_made():
@@ -148,23 +155,23 @@ def test_intervals_are_held_against_what_was_made():
         "mass_mismatch.relative[1]": {"ci95": [0.5, 1.5]}, "mass_mismatch.relative[2]": {"ci95": [0.5, 1.5]},
         "quadratic_drag.c2": {"ci95": [0.01, 0.03]}, "mass_mismatch.relative[*]": {"ci95": [5.0, 6.0]},
     }  # fmt: skip
-    assert inside(made | {"intervals": intervals}) == [True, False, True]
-    assert inside(made) == []
+    assert values_covered(made | {"intervals": intervals}) == [True, False, True]
+    assert values_covered(made) == []
 
 
 def test_parameters_are_judged_of_the_right_model_only():
     right = row(["added_mass"], [], [["added_mass"], ["clock_scale"], ["length_mismatch"]])
     another = row(["added_mass"], [], SYMMETRIC)  # right, but the parameters are those of a slow clock
-    assert of_the_right_model([right, another, row([]), row(["a"])]) == [right, row([])]
+    assert rightly_named([right, another, row([]), row(["a"])]) == [right, row([])]
 
 
 def test_confounded_cases_are_listed_and_count_nowhere():
     good = row(["a"], ["a"], **{"right leaves": 0.1})
     bad = row(["a"], **{"case": "12-bad", "right leaves": 15.0})
     variant = row(["a"], ["a"], variant=True, **{"right leaves": 15.0, "formula leaves": 0.1})
-    assert [confounded(one) for one in (good, bad, variant, row([]))] == [False, True, False, False]
+    assert [is_confounded(one) for one in (good, bad, variant, row([]))] == [False, True, False, False]
     settings = {"start": "hanging", "noise_stated": True, "missing": 0.0, "correlation": 0.0}
-    page = text([one | {"commit": "0000000", "settings": settings} for one in (good, bad, variant)], [])
+    page = render_page([one | {"commit": "0000000", "settings": settings} for one in (good, bad, variant)], [])
     counted, nowhere = page.split("## Counted nowhere")
     assert "12-bad" in nowhere
     assert "12-bad" not in counted
@@ -172,9 +179,9 @@ def test_confounded_cases_are_listed_and_count_nowhere():
 
 
 def test_the_page_is_made_of_the_rows():
-    rows = rows_of(ROWS)
+    rows = read_rows(ROWS)
     assert [one["case"] for one in rows] == sorted({one["case"] for one in rows})
-    assert text(rows, rows_of(AGAIN_ROWS)) == PAGE.read_text(encoding="utf-8")
+    assert render_page(rows, read_rows(AGAIN_ROWS)) == PAGE.read_text(encoding="utf-8")
     for rounds in (range(EARLIER, LATEST), range(LATEST, ROUNDS)):
         assert len({one["commit"] for one in rows if int(one["case"][:2]) in rounds}) == 1  # as the page says
 
@@ -185,7 +192,7 @@ def test_right_models_are_filmed_again_whatever_was_found():
         row([]), row(["?"], ["a"]), row(["a"], case="11-a"), row(["a"], bobs=5), row(["a"], variant=True),
         row(["a"], **{"right leaves": 15.0}),
     ]  # fmt: skip
-    assert chosen([missed, *others, two]) == [missed, two]
+    assert choose_rows([missed, *others, two]) == [missed, two]
     made = {"made by": {"a": {"s": 1.0}}, "bobs": 2}
     several = [made | {"errors": {"b": e}, "intervals": {"a.s": {"ci95": [e, 2.0]}}} for e in (0.0, 0.0, 0.0, 0.0, 2.0)]
     assert filmed_again(several)[2] == "| N = 2 | – | – | +0.40, 0.89 (5) | 4 of 5 (38–96 %) |"
@@ -194,21 +201,21 @@ def test_right_models_are_filmed_again_whatever_was_found():
 @pytest.mark.slow
 def test_a_right_model_filmed_again_is_as_far_off_as_it_says(monkeypatch):
     """Of two seeds: beyond 5 standard deviations of any unknown, or none of the values within, something is broken."""
-    monkeypatch.setattr("studies.diagnosis.errors.AGAIN", 2)
+    monkeypatch.setattr("studies.diagnosis.errors.REPETITIONS", 2)
     case = next(case for case in cases([13]) if case.name == "13-quadratic_drag")
-    several = again(case, [4e-3])
+    several = film_again(case, [4e-3])
     for found in several:
         assert set(found["errors"]) >= {"kappa", "b"}
         assert max(map(abs, found["errors"].values())) < 5.0
         assert list(found["intervals"]) == ["quadratic_drag.c2"]
-    assert any(inside(found)[0] for found in several)
+    assert any(values_covered(found)[0] for found in several)
 
 
 def test_rounds_are_whole_and_variants_have_nothing_to_do_with_strengths():
     several = cases(list(range(HELD_OUT, ROUNDS)))
     assert len({case.name for case in several}) == len({case.seed for case in several}) == 26 * (ROUNDS - HELD_OUT)
-    assert all(held_out(case.name) for case in several)
-    assert not held_out("11-nothing-0")
+    assert all(is_held_out(case.name) for case in several)
+    assert not is_held_out("11-nothing-0")
     many = cases(list(range(HELD_OUT, HELD_OUT + 300)))
     variants = [case for case in many if case.variant]
     assert 0.25 < len(variants) / sum(case.kinds[:1] != () and case.kinds[0].variant is not None
@@ -300,11 +307,11 @@ def test_strengths_are_found_where_the_oracle_has_what_was_asked(power):
         asked.append(refitted)
         return (2.0 if refitted else 1.0) * (strengths[0] / 1e-4) ** power
 
-    [found] = strengths_for(Apparatus(case), SimpleNamespace(delta=delta))
+    [found] = find_strengths(Apparatus(case), SimpleNamespace(delta=delta))
     assert abs(math.log(2.0 * (found / 1e-4) ** power / case.target)) < 0.3
     assert asked.count(True) <= 4
 
 
 def test_no_strength_is_tried_that_the_effect_cannot_have():
     case = next(case for case in cases([12]) if case.name == "12-contact_duration")
-    assert strengths_for(Apparatus(case), SimpleNamespace(delta=lambda *_: 0.0)) == [3.0]
+    assert find_strengths(Apparatus(case), SimpleNamespace(delta=lambda *_: 0.0)) == [3.0]

@@ -54,13 +54,15 @@ def test_a_clock_that_a_far_mode_of_kappa_hides_is_found(tmp_path):
 def test_a_mode_is_looked_for_until_two_searches_agree(monkeypatch, reached, searches):
     """reached: χ² of searches from anywhere, the first known already. One that comes below the best and one far above
     it say alike that a mode may have been missed."""
-    several = [SimpleNamespace(chi2=c, unit=1.0, experiment=None, likelihood=None, point=np.zeros(1)) for c in reached]
+    several = [
+        SimpleNamespace(chi2=c, chi2_scale=1.0, experiment=None, likelihood=None, point=np.zeros(1)) for c in reached
+    ]
     seen = []
     monkeypatch.setattr(Searcher, "_search", lambda self, experiment, tell, attempt: several[attempt])
     monkeypatch.setattr(Searcher, "best", lambda self, fit: seen.append(fit) or min(seen, key=lambda one: one.chi2))
     monkeypatch.setattr(search, "fit_key", lambda *_: "key")
-    monkeypatch.setattr(search, "among_modes", lambda likelihood, point: point)
-    monkeypatch.setattr(search, "Fitted", lambda likelihood, point: seen[0])
+    monkeypatch.setattr(search, "descend_among_kappa_modes", lambda likelihood, point: point)
+    monkeypatch.setattr(search, "FitResult", lambda likelihood, point: seen[0])
     found = Searcher(FitCache(None, ""), 0, None).refit_multistart(several[0])
     assert found.chi2 == min(reached[: 1 + searches])
     assert seen[1 : 1 + searches] == several[1 : 1 + searches] and len(seen) == 2 + searches  # the last is settled
@@ -155,7 +157,7 @@ def test_where_an_effect_leads_to_a_better_mode_the_decision_is_made_again(monke
         return Decision((), SimpleNamespace(candidate=name, fitted=SimpleNamespace(chi2=100.0)), 0.9, 1.0, 100.0)  # type: ignore[arg-type]
 
     was, now, instead = chose("length"), chose(other), []
-    last = SimpleNamespace(chi2=chi2, unit=1.0)
+    last = SimpleNamespace(chi2=chi2, chi2_scale=1.0)
     examined = [SimpleNamespace(fitted="base", score_test=None), SimpleNamespace(fitted=last)]
     steps = [Step("length_mismatch", *(SimpleNamespace(),) * 2, 0.5, was)]  # type: ignore[arg-type]
     so_far = Course(None, 0, (False,), QUIET, examined, [was], steps)  # type: ignore[arg-type]

@@ -14,12 +14,12 @@ from identification.diagnosis.uncertainty.alternative_modes import find_alternat
 from identification.diagnosis.uncertainty.intervals import compute_intervals
 from identification.diagnosis.uncertainty.profile_likelihood import find_profile_end
 from identification.experiment.experiment import Experiment
-from identification.inference.fit_result import with_known_noise
+from identification.inference.fit_result import EffectiveSample, with_known_noise
 from identification.inference.impossible_model import ImpossibleModelError
 from identification.inference.noise_model import NoiseModel
-from identification.inference.start_points import flat
+from identification.inference.start_points import flatten_values
 from identification.inference.unknowns import Unknown
-from studies.diagnosis.rows import rows_of
+from studies.diagnosis.rows import read_rows
 from studies.diagnosis.study import Apparatus, cases
 from studies.diagnosis.table import ROWS
 from tests.reference.laboratory import record, write_experiment
@@ -45,7 +45,11 @@ def end(side: float, high: float = 100.0) -> float:
     """Where the profile of y ends on one side of its mode."""
     covariance = np.array([[1.0, 2.0], [2.0, 4.0 + WIDTH**2]])
     fitted = SimpleNamespace(
-        likelihood=Bent(high), point=np.ones(2), chi2=0.0, covariance=covariance, coloured=(1.0, 2.0)
+        likelihood=Bent(high),
+        point=np.ones(2),
+        chi2=0.0,
+        covariance=covariance,
+        effective_sample=EffectiveSample(1.0, 2.0),
     )
     return module._interval_end(fitted, 1, side * math.sqrt(covariance[1, 1]))  # type: ignore[arg-type]
 
@@ -118,7 +122,7 @@ def test_a_profile_holds_a_drag_that_group_drag_can_replace(tmp_path):
     """04-group_drag of the study, 2 bobs: drag and drag near neighbours make up for each other along a bent ridge, and
     by Laplace b is 13 of its standard deviations off."""
     apparatus = early_case("04-group_drag")
-    strengths = next(row["strengths"] for row in rows_of(ROWS) if row["case"] == "04-group_drag")
+    strengths = next(row["strengths"] for row in read_rows(ROWS) if row["case"] == "04-group_drag")
     experiment = with_known_noise(Experiment.load(apparatus.write(tmp_path, apparatus.record(strengths, True))))
     far = {"group_drag": {"slope": 19.9, "range": 0.01675}}
     unknown = with_effects(experiment, far, ("group_drag.slope", "group_drag.range"))
@@ -152,7 +156,7 @@ class Valley:
         )
         self.names, self.noise_model = [u.name for u in self.unknowns], NoiseModel((1.0,), (1.0,), (1.0,))
 
-    def parts(self):
+    def reading_slices(self):
         return [slice(0, 3)]
 
     def residuals(self, point):
@@ -171,7 +175,7 @@ def frequencies(rise: float, impossible: bool = False) -> np.ndarray:
     valley = Valley(rise, impossible)
     fitted = SimpleNamespace(
         likelihood=valley, experiment=valley.experiment, cradle=valley.experiment.cradle,
-        point=np.array([Valley.DIP, math.log(5.0)]), chi2=0.0, coloured=(1.0, 2.0),
+        point=np.array([Valley.DIP, math.log(5.0)]), chi2=0.0, effective_sample=EffectiveSample(1.0, 2.0),
     )  # fmt: skip
     points, widths = find_alternative_modes(fitted, 0.05, compute_uncached)  # type: ignore[arg-type]
     assert np.all(widths[:, 0] == 0.0)
@@ -207,7 +211,7 @@ def test_intervals_hold_a_frame_that_another_one_stands_for(tmp_path):
     searcher = Searcher(FitCache(None, ""), 0, None)
     another = {"frame_compliance": {"frame_mass": 5.35, "frequency": 3.0, "damping_ratio": 0.011}}
     right = searcher.fit_from_values(with_effects(experiment, {"frame_compliance": true}), apparatus.truth)
-    started = right.values | flat("frame_compliance", another["frame_compliance"])
+    started = right.values | flatten_values("frame_compliance", another["frame_compliance"])
     fitted = Searcher(FitCache(None, ""), 0, None).fit_from_values(with_effects(experiment, another), started)
     assert fitted.chi2 < right.chi2 and fitted.values["frame_compliance.frequency"] < 4.0
     found = compute_intervals(fitted)

@@ -41,12 +41,12 @@ from identification.diagnosis.selection.search import FitCache, Searcher
 from identification.diagnosis.stepwise import Course
 from identification.diagnosis.uncertainty.intervals import compute_intervals
 from identification.experiment.run import Prior
-from identification.inference.fit_result import Fitted, with_known_noise
+from identification.inference.fit_result import EffectiveSample, FitResult, with_known_noise
 from identification.inference.impossible_model import ImpossibleModelError
-from identification.inference.least_squares import jacobian
+from identification.inference.least_squares import difference_jacobian
 from identification.inference.likelihood import Likelihood
-from identification.inference.mode_search import climb_ladder
-from identification.inference.start_points import placed
+from identification.inference.mode_search import search_kappa_modes
+from identification.inference.start_points import point_at
 from tests.paths import DATA
 from tests.reference.laboratory import record, write_experiment
 from tests.reference.soft_contact import SoftCradle
@@ -104,8 +104,8 @@ def test_which_of_several_laws_is_taken(monkeypatch, gap_alone, choices, taken):
             if math.isnan(chi2):
                 raise ImpossibleModelError("it flies away")
 
-        return SimpleNamespace(chi2=chi2, point=np.zeros(unknowns), coloured=(1.0, 3600.0), experiment=None,
-                               cradle=Cradle(bobs=1), residuals=np.full(9, gap_alone), count=9,
+        return SimpleNamespace(chi2=chi2, point=np.zeros(unknowns), effective_sample=EffectiveSample(1.0, 3600.0),
+                               experiment=None, cradle=Cradle(bobs=1), residuals=np.full(9, gap_alone), count=9,
                                training_gap=lambda: gap_alone,
                                held_out_gap=held_out_gap)  # fmt: skip
 
@@ -138,8 +138,9 @@ def test_terms_that_the_rest_does_without_go(monkeypatch, left, gap, kept):
     def fit(terms, chi2):
         names = [one.name for one in terms]
         return SimpleNamespace(
-            chi2=chi2, point=np.zeros(4 + len(terms)), coloured=(1.0, 3600.0), experiment=None, cradle=Cradle(bobs=1),
-            values={name: size[name] for name in names}, smooth=np.eye(len(names)),
+            chi2=chi2, point=np.zeros(4 + len(terms)), effective_sample=EffectiveSample(1.0, 3600.0),
+            experiment=None, cradle=Cradle(bobs=1),
+            values={name: size[name] for name in names}, laplace_covariance=np.eye(len(names)),
             likelihood=SimpleNamespace(names=names), held_out_gap=lambda: gap, residuals=np.ones(9), count=9,
             training_gap=lambda: 1.0,
         )  # fmt: skip
@@ -386,9 +387,9 @@ def test_bands_do_not_hang_on_how_an_unknown_is_sampled():
     bands = []
     for infer in ({}, {"k_f": Prior(mean=18000.0, sd=90000.0)}):
         likelihood = Likelihood(Experiment(cradle, (run,), infer), None, 1)
-        base = Fitted(likelihood, likelihood.start())
+        base = FitResult(likelihood, likelihood.start())
         whole = Likelihood(with_terms(base.experiment, law_scales(base), terms), None, 1)
-        fit = Fitted(whole, placed(whole, {"k_f": cradle.k_f}))
+        fit = FitResult(whole, point_at(whole, {"k_f": cradle.k_f}))
         bands.append(LawShape(LearnedLaw(base, fit, terms, {}, 1.0, 1.0), fit)._impact_curve().band[-1])
     assert bands[1] == pytest.approx(bands[0], rel=0.05)
 
@@ -398,12 +399,12 @@ def test_impacts_that_take_the_same_speed_each_are_put_in_words():
     cradle = Cradle(bobs=2, model="pendulum", k_f=20.0)
     run = simulated_run(cradle, angle=0.3, duration=10.0)
     likelihood = Likelihood(Experiment(cradle, (run,), {}), None, 1)
-    base = Fitted(likelihood, likelihood.start())
+    base = FitResult(likelihood, likelihood.start())
     scales, said = law_scales(base), []
     for key, value in (("wet", -5e-3 / scales["speed"]), ("level", -0.02)):
         terms = (Term("learned_impact", key, 0, True),)
         whole = Likelihood(with_terms(base.experiment, scales, terms), None, 1)
-        fit = Fitted(whole, placed(whole, {"k_f": 20.0, terms[0].name: value}))
+        fit = FitResult(whole, point_at(whole, {"k_f": 20.0, terms[0].name: value}))
         said += describe_law(LawShape(LearnedLaw(base, fit, terms, scales, 1.0, 1.0), fit))
     assert "every impact takes about the same speed, 5" in said[0] and "mm/s" in said[0]
     assert "e differs from that of the model" in said[1] and len(said) == 2
@@ -428,7 +429,7 @@ def test_windows_have_the_derivatives_of_the_plain_differences(tmp_path):
     base, _ = fitted(tmp_path, {}, bobs=2, duration=12.0)
     view = fit_multiple_shooting(base)
     assert len(view.experiment.runs) > 1
-    np.testing.assert_array_equal(view.jacobian, jacobian(view.likelihood, view.point, view.residuals))
+    np.testing.assert_array_equal(view.jacobian, difference_jacobian(view.likelihood, view.point, view.residuals))
 
 
 def test_linear_models_save_what_refits_save(rubbed):
@@ -447,14 +448,14 @@ def test_whether_a_free_run_is_in_step_hangs_on_the_motion_it_misses(rubbed):
     base, searcher = rubbed
     runs = tuple(dataclasses.replace(run, noise=0.1 * run.noise) for run in base.experiment.runs)
     likelihood = searcher.likelihood(dataclasses.replace(base.experiment, runs=runs))
-    assert Fitted(likelihood, base.point).training_gap() > 10.0
-    assert is_in_step(Fitted(likelihood, base.point))
-    stopped = placed(likelihood, base.values | {"b": 10.0 * base.values["b"]})
-    assert not is_in_step(Fitted(likelihood, stopped))
+    assert FitResult(likelihood, base.point).training_gap() > 10.0
+    assert is_in_step(FitResult(likelihood, base.point))
+    stopped = point_at(likelihood, base.values | {"b": 10.0 * base.values["b"]})
+    assert not is_in_step(FitResult(likelihood, stopped))
     # Nor does where x is counted from add to the motion: here a hundred times as far away as the bob swings.
     away = tuple(dataclasses.replace(run, readings=run.readings + 30.0, rest="free") for run in runs)
     shifted = SimpleNamespace(experiment=SimpleNamespace(runs=away), likelihood=likelihood,
-                              chi2=Fitted(likelihood, stopped).chi2, training_gap=lambda: 100.0)  # fmt: skip
+                              chi2=FitResult(likelihood, stopped).chi2, training_gap=lambda: 100.0)  # fmt: skip
     assert not is_in_step(shifted)  # type: ignore[arg-type]
 
 
@@ -577,7 +578,9 @@ def test_near_the_noise_a_law_pays_for_the_choice_of_its_terms():
     assert selection_cost_beside(far, 2) == 0.0  # type: ignore[arg-type]
 
     def law(before) -> LearnedLaw:
-        fit = SimpleNamespace(chi2=50.0, point=np.zeros(1), coloured=(1.0, math.e), cradle=cradle)
+        fit = SimpleNamespace(
+            chi2=50.0, point=np.zeros(1), effective_sample=EffectiveSample(1.0, math.e), cradle=cradle
+        )
         return LearnedLaw(before, fit, (library(cradle)[0],), {}, 2.0, 1.0)  # type: ignore[arg-type]
 
     for one in (near, far):
@@ -599,5 +602,5 @@ def test_a_law_that_cannot_be_simulated_ends_its_fit(monkeypatch):
     searching = "identification.inference.mode_search"
     monkeypatch.setattr(f"{searching}.best_rungs", lambda *_: [np.zeros(1)] * 3)
     monkeypatch.setattr(f"{searching}.refined_from", lambda *_: iter([(np.zeros(1), math.inf)] * 3))
-    point, least = climb_ladder(None, np.ones(1), math.inf)  # type: ignore[arg-type]
+    point, least = search_kappa_modes(None, np.ones(1), math.inf)  # type: ignore[arg-type]
     assert (point == 1.0).all() and least == math.inf

@@ -24,8 +24,8 @@ from identification.diagnosis.next_experiment.planned_run import (
 from identification.diagnosis.selection.candidates import list_candidates
 from identification.diagnosis.selection.search import FitCache, Searcher
 from identification.inference.fit_result import with_known_noise
-from identification.storage.schema import check
-from identification.storage.stamps import write_listed
+from identification.storage.schema import check_schema
+from identification.storage.stamps import write_results
 from tests.reference.laboratory import record, write_experiment
 from tests.reference.soft_contact import SoftCradle
 
@@ -125,7 +125,7 @@ def test_exact_symmetries_are_told(heavy, small_grid, tmp_path, capsys):
     assert main(["design", str(heavy), "--out", str(tmp_path), *arguments]) == 0
     assert "No experiment of this kind separates added_mass and clock_scale" in capsys.readouterr().out
     content = json.loads((tmp_path / "design.json").read_text(encoding="utf-8"))
-    check(content, "design", "design.json")
+    check_schema(content, "design", "design.json")
     assert content["inseparable"] == [[["added_mass"], ["clock_scale"]]] and content["separates"] == []
     assert content["release"] is None and abs(content["expected_log_bayes"]) < 0.1
     assert "film a clock" in (tmp_path / "report.html").read_text(encoding="utf-8")
@@ -208,7 +208,7 @@ def test_a_plan_that_was_corrected_is_not_replaced(tmp_path):
     (tmp_path / "experiment.toml").write_text("planned", encoding="utf-8")
     with pytest.raises(ValueError, match="no result of this command"):
         check_folder(tmp_path)  # it may be of the data
-    write_listed(tmp_path, {"experiment.toml": "planned"}, "design.json", {"format": FORMAT})
+    write_results(tmp_path, {"experiment.toml": "planned"}, "design.json", {"format": FORMAT})
     check_folder(tmp_path)
     (tmp_path / "experiment.toml").write_text("planned, and corrected", encoding="utf-8")
     with pytest.raises(ValueError, match="no result of this command"):

@@ -9,9 +9,9 @@ from identification.diagnosis.selection.candidates import Candidate, list_candid
 from identification.diagnosis.selection.search import FitCache, Searcher
 from identification.diagnosis.selection.start_values import standing_in
 from identification.experiment.experiment import Experiment
-from identification.inference.fit_result import Fitted, with_known_noise
+from identification.inference.fit_result import FitResult, with_known_noise
 from identification.inference.likelihood import Likelihood
-from identification.inference.start_points import flat, placed
+from identification.inference.start_points import flatten_values, point_at
 from tests.reference.laboratory import record, write_experiment
 from tests.reference.soft_contact import SoftCradle
 
@@ -31,7 +31,9 @@ def fits(request, tmp_path_factory):
     path = write_experiment(tmp_path_factory.mktemp("longer"), [recording], stated=TRUTH)
     base = Searcher(FitCache(None, ""), 0, None).likelihood(with_known_noise(Experiment.load(path)))
     other = Likelihood(with_effects(base.experiment, hidden), base.rows)
-    return Fitted(base, base.start()), Fitted(other, placed(other, TRUTH | flat(*next(iter(hidden.items())))))
+    return FitResult(base, base.start()), FitResult(
+        other, point_at(other, TRUTH | flatten_values(*next(iter(hidden.items()))))
+    )
 
 
 def wanted(fits, name: str, shared: bool = False):
@@ -55,7 +57,7 @@ def test_what_acts_alike_takes_its_place_however_strong(fits, name, key, expecte
     candidate, values = wanted(fits, name)
     assert values[key] == pytest.approx(expected, rel=3.0 * LONGER)
     model = Likelihood(with_effects(fits[0].experiment, {name: values}, candidate.unknown), fits[0].likelihood.rows)
-    left = model.residuals(placed(model, TRUTH | flat(name, values)))
+    left = model.residuals(point_at(model, TRUTH | flatten_values(name, values)))
     assert left @ left < 0.01 * fits[0].chi2  # what is not alike in impacts, and the order of ε
 
 
@@ -65,7 +67,7 @@ def test_the_same_effect_is_said_with_one_value(fits):
         pytest.skip("one bob has but one length")
     uneven = [0.5 * LONGER, 1.5 * LONGER]
     values = {f"length_mismatch.relative[{i}]": value for i, value in enumerate(uneven, 1)}
-    other = Fitted(other.likelihood, placed(other.likelihood, other.values | values))
+    other = FitResult(other.likelihood, point_at(other.likelihood, other.values | values))
     assert wanted((base, other), "length_mismatch", shared=True)[1] == {"relative": pytest.approx([LONGER] * 2)}
     assert wanted((base, other), "length_mismatch")[1] == {"relative": pytest.approx(uneven)}
 
@@ -76,7 +78,7 @@ def test_what_came_from_infinity_tells_nothing(fits):
     frame = {"frame_mass": 5.0, "frequency": 5.0, "damping_ratio": 0.01}
     shaken = with_effects(base.experiment, {"frame_compliance": frame})
     likelihood = Likelihood(shaken, base.likelihood.rows)
-    other = Fitted(likelihood, likelihood.start())
+    other = FitResult(likelihood, likelihood.start())
     clock = next(c for c in list_candidates(base.cradle) if c.name == "clock_scale")
     assert standing_in(base, other, clock) == []
 
@@ -105,6 +107,6 @@ def test_what_looks_the_same_begins_where_it_stands_in(monkeypatch):
         fit_with_candidate_from_mode=lambda _, candidate, __, likely, *___: begun.update({candidate: likely})
     )
     monkeypatch.setattr(model_comparison, "standing_in", lambda *_: ["in its place"])
-    base = SimpleNamespace(chi2=1000.0, unit=1.0)
+    base = SimpleNamespace(chi2=1000.0, chi2_scale=1.0)
     model_comparison._alike(base, fits, SimpleNamespace(scores=scores), searcher, lambda *_: None)  # type: ignore[arg-type]
     assert begun == {same: ["in its place", "own"], another: ["own"]}

@@ -10,9 +10,9 @@ from identification.diagnosis.residuals.residual_tests import describe_phase, sc
 from identification.diagnosis.residuals.windows import start_state_windows
 from identification.diagnosis.selection.search import FitCache, Searcher, refine_to_mode
 from identification.experiment.experiment import Experiment
-from identification.inference.fit_result import Fitted, with_known_noise
+from identification.inference.fit_result import FitResult, with_known_noise
 from identification.inference.likelihood import Likelihood
-from identification.inference.start_points import placed
+from identification.inference.start_points import point_at
 from tests.reference.laboratory import record, write_experiment
 from tests.reference.soft_contact import SoftCradle
 
@@ -39,7 +39,7 @@ def damped(tmp_path_factory):
     recording = recorded(0.0023)
     path = write_experiment(tmp_path_factory.mktemp("damped"), [recording], stated=TRUTH, run={"fit_to": 30.0})
     likelihood = Searcher(FitCache(None, ""), 0, 1).likelihood(with_known_noise(Experiment.load(path)))
-    return Fitted(likelihood, placed(likelihood, TRUTH)), recording
+    return FitResult(likelihood, point_at(likelihood, TRUTH)), recording
 
 
 def test_the_excess_is_the_difference_of_energies(damped):
@@ -61,8 +61,8 @@ def test_start_states_absorb_what_happened_before(damped):
     """A bob that was let go otherwise is seen in the whole run, but not within windows; a wrong damping is."""
     fitted, _ = damped
     residuals = fitted.residuals.copy()
-    other = placed(fitted.likelihood, {**TRUTH, "release_angle_error@1": 5e-3})
-    residuals += fitted.likelihood.residuals(other) - fitted.likelihood.residuals(placed(fitted.likelihood, TRUTH))
+    other = point_at(fitted.likelihood, {**TRUTH, "release_angle_error@1": 5e-3})
+    residuals += fitted.likelihood.residuals(other) - fitted.likelihood.residuals(point_at(fitted.likelihood, TRUTH))
     for window in start_state_windows(fitted)[3:]:
         shift = residuals[window.rows] - fitted.residuals[window.rows]
         left = shift - window.absorbed @ (window.absorbed.T @ shift)
@@ -107,7 +107,7 @@ def test_a_model_that_only_bends_is_located_by_its_unknowns(tmp_path):
     rows, until = located.tests[i].rows, located.tests[i].interval[1]
     likelihood = fitted.likelihood
     early = Likelihood(likelihood.experiment, [likelihood.rows[0] & (likelihood.experiment.runs[0].times <= until)], 1)
-    refitted = Fitted(early, refine_to_mode(early, fitted.point))
+    refitted = FitResult(early, refine_to_mode(early, fitted.point))
     gained = np.sum(fitted.residuals[rows] ** 2) - np.sum(refitted.residuals[: len(rows)] ** 2)
     assert gained == pytest.approx(np.sum((located.tests[i].basis.T @ fitted.residuals[rows]) ** 2), rel=0.2)
 

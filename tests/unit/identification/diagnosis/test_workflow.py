@@ -43,7 +43,7 @@ from identification.diagnosis.uncertainty import intervals as intervals_module
 from identification.diagnosis.uncertainty.intervals import compute_intervals
 from identification.experiment.run import ReleaseInfo, Run
 from identification.experiment.train_test import training_rows
-from identification.inference.fit_result import Fitted, with_known_noise
+from identification.inference.fit_result import EffectiveSample, FitResult, with_known_noise
 from identification.inference.impossible_model import ImpossibleModelError
 from identification.inference.likelihood import Likelihood
 from tests.reference.laboratory import correlated_noise, record, write_experiment
@@ -107,7 +107,7 @@ def test_the_hidden_effect_is_named_and_the_gap_closes(diagnosed):
 def test_a_right_model_leaves_what_is_allowed_and_a_wrong_one_more(diagnosed):
     # Noise alone, of 640 readings, allows 1.065; c2 and b, which only their sum holds, the more.
     assert max(diagnosed.gap_last, 1.065) < diagnosed.gap_allowed < 2.0
-    assert diagnosed.gap_first > diagnosed.base.allowed_gap
+    assert diagnosed.gap_first > diagnosed.base.predictive_bound
     content = diagnosed.content()
     assert "99 of 100" not in verdict_sentence(content)
     assert "is 3.00 × noise. A right model" in verdict_sentence({**content, "gap_last": 3.0})
@@ -115,7 +115,7 @@ def test_a_right_model_leaves_what_is_allowed_and_a_wrong_one_more(diagnosed):
 
 def test_what_was_held_out_refutes_a_wrong_model_near_the_noise(diagnosed):
     assert fails_prediction(diagnosed.base) and not fails_prediction(diagnosed.last)
-    far = SimpleNamespace(training_gap=lambda: 10.0, held_out_gap=lambda: 9.0, allowed_gap=1.1)
+    far = SimpleNamespace(training_gap=lambda: 10.0, held_out_gap=lambda: 9.0, predictive_bound=1.1)
     assert not fails_prediction(far)  # type: ignore[arg-type]
 
 
@@ -143,7 +143,7 @@ def test_names_that_predict_worse_than_right_ones_are_withdrawn(dragged, monkeyp
 @pytest.mark.parametrize(("gap", "taken"), [(10.0, "c"), (1.01, "a")])
 def test_far_above_the_noise_the_simplest_of_the_most_probable_is_chosen(gap, taken, monkeypatch):
     """b has fewer unknowns but predicts nothing, d the fewest but is clearly less probable."""
-    fits = {name: SimpleNamespace(chi2=1.0, coloured=(1.0, 100.0)) for name in "abcd"}
+    fits = {name: SimpleNamespace(chi2=1.0, effective_sample=EffectiveSample(1.0, 100.0)) for name in "abcd"}
     evidence = {"a": (90.0, 4), "b": (89.5, 2), "c": (89.0, 3), "d": (80.0, 1)}
 
     def judged_as(_fitted, name, fit, *_):
@@ -162,7 +162,7 @@ def test_what_leaves_more_than_noise_by_its_places_is_not_enough_by_its_chi2(mon
     """Another is searched for until one does better than the first."""
 
     def fit(chi2):
-        return SimpleNamespace(chi2=chi2, count=3500, unit=1.0)
+        return SimpleNamespace(chi2=chi2, count=3500, chi2_scale=1.0)
 
     asked = []
     monkeypatch.setattr(stepwise, "from_anywhere", lambda *all_: asked.append(all_[-1]) or SimpleNamespace(chosen=None))
@@ -198,8 +198,8 @@ def test_one_right_model_in_a_hundred_leaves_more_than_allowed(tmp_path):
         recording = record(cradle, {1: 0.228}, duration=6.0, seed=seed)
         path = write_experiment(tmp_path / str(seed), [recording], release={"angle_sd": 0.01})
         likelihood = Searcher(FitCache(None, ""), 0, None).likelihood(Experiment.load(path))
-        fitted = Fitted(likelihood, refine_to_mode(likelihood, likelihood.start()))
-        allowed = fitted.allowed_gap
+        fitted = FitResult(likelihood, refine_to_mode(likelihood, likelihood.start()))
+        allowed = fitted.predictive_bound
         beyond += fitted.held_out_gap() > allowed
         spreads.append(allowed)
     assert beyond <= 3  # of 30: by chance once in 4500
@@ -342,7 +342,7 @@ def test_fits_by_other_code_are_not_used(plain, tmp_path, monkeypatch):
     experiment = Experiment.load(plain)
     FitCache.of(tmp_path, experiment, 0).point("key", lambda: np.array([1.0]))
     assert FitCache.of(tmp_path, experiment, 0).points
-    monkeypatch.setattr("identification.diagnosis.selection.search.program", lambda _: "other")
+    monkeypatch.setattr("identification.diagnosis.selection.search.program_hash", lambda _: "other")
     assert not FitCache.of(tmp_path, experiment, 0).points
 
 
@@ -379,11 +379,11 @@ def test_what_looks_the_same_as_any_of_the_best_is_refitted():
     class Fits:
         def fit_with_candidate(self, fitted, candidate, *_):
             return SimpleNamespace(
-                chi2=1000.0 - {"frame_compliance": 36.0, "added_mass": 28.0}[candidate.name], unit=1.0
+                chi2=1000.0 - {"frame_compliance": 36.0, "added_mass": 28.0}[candidate.name], chi2_scale=1.0
             )
 
         def fit_with_candidate_from_mode(self, fitted, candidate, *_):
-            return SimpleNamespace(chi2=972.0, unit=1.0)
+            return SimpleNamespace(chi2=972.0, chi2_scale=1.0)
 
     named = {c.name: c for c in list_candidates(Cradle(bobs=1)) if not c.shared}
     shared = tuple(named[name] for name in ("length_mismatch", "clock_scale"))
@@ -392,7 +392,7 @@ def test_what_looks_the_same_as_any_of_the_best_is_refitted():
         SimpleNamespace(candidate=named["added_mass"], parallel=shared, likely=(), neg_log10_p=9.0, directions=1),
         *(SimpleNamespace(candidate=c, parallel=(), likely=(), neg_log10_p=0.0, directions=1) for c in shared),
     ]
-    base = SimpleNamespace(chi2=1000.0, unit=1.0)
+    base = SimpleNamespace(chi2=1000.0, chi2_scale=1.0)
     scored = SimpleNamespace(scores=scores)
     fits = refitted(base, worth_refitting(scored), scored, Fits(), lambda *_: None)  # type: ignore[arg-type]
     assert {c.name for c in fits} == {"frame_compliance", "added_mass", "length_mismatch", "clock_scale"}
@@ -431,7 +431,7 @@ def test_no_course_returns_to_effects_that_it_has_examined(dragged):
     examined = [SimpleNamespace(fitted=base)]
     so_far = Course(searcher, 0, (False,), lambda *_: None, examined)  # type: ignore[arg-type]
     likelihood = searcher._with(base, next(c for c in list_candidates(base.cradle) if c.name == "quadratic_drag"))
-    again = SimpleNamespace(chosen=SimpleNamespace(fitted=Fitted(likelihood, likelihood.start())))
+    again = SimpleNamespace(chosen=SimpleNamespace(fitted=FitResult(likelihood, likelihood.start())))
     so_far.seen.add(stepwise._effects(again.chosen.fitted))
     so_far._instead(again, 1)  # type: ignore[arg-type]
     assert len(examined) == 1
@@ -478,7 +478,7 @@ def test_replicates_look_like_what_a_right_model_leaves(plain):
     fitted = searcher.fit_global(experiment)
     rng = np.random.default_rng(1)
     replicates = fitted.replicates(300, rng, (False,))
-    assert np.allclose(fitted.absorbed.T @ replicates, 0.0, atol=1e-9)
+    assert np.allclose(fitted.tangent_basis.T @ replicates, 0.0, atol=1e-9)
     located, scored = scan_residuals(fitted, replicates), score(fitted, replicates)
     again = fitted.replicates(300, rng, (False,))
     other = scan_residuals(fitted, again).replicate_maxima
@@ -492,15 +492,15 @@ def test_correlated_noise_is_nothing_that_is_missing(plain):
     """p of a right model is uniform, whatever the noise: of 12, more than three below 0.05 in one of 400 such tests.
     Against white noise, most are."""
     likelihood = Likelihood(Experiment.load(plain), None, 1)
-    right = Fitted(likelihood, likelihood.start())
+    right = FitResult(likelihood, likelihood.start())
     order = np.lexsort((right.readings.time, right.readings.bob))
-    absorbs = {"jacobian": right.jacobian, "absorbed": right.absorbed}
+    absorbs = {"jacobian": right.jacobian, "tangent_basis": right.tangent_basis}
     rng, found = np.random.default_rng(3), {"as correlated": [], "white": []}
     for _ in range(12):
         noise = np.zeros(len(right.residuals))
         noise[order] = correlated_noise((right.count // 2, 2), -1.0 / np.log(0.4), rng).T.ravel()
         for name, ps in found.items():
-            fitted = Fitted(likelihood, right.point)
+            fitted = FitResult(likelihood, right.point)
             vars(fitted).update(absorbs, residuals=right.project(noise))
             if name == "white":
                 vars(fitted)["correlations"] = [0.0]
@@ -523,7 +523,7 @@ def test_correlated_noise_counts_once_in_a_gain():
 
 def test_estimated_noise_widens_the_replicates(plain):
     experiment = Experiment.load(plain)
-    fitted = Fitted(Likelihood(experiment), Likelihood(experiment).start())
+    fitted = FitResult(Likelihood(experiment), Likelihood(experiment).start())
     known, estimated = (fitted.replicates(60, np.random.default_rng(0), (flag,)) for flag in (False, True))
     spread = [np.std(np.sum(r**2, axis=0)) for r in (known, estimated)]
     assert spread[1] > 1.3 * spread[0]
@@ -537,7 +537,7 @@ def test_a_bob_that_stays_at_rest_is_nothing_that_is_missing():
     seen = motion.theta + 1e-3 * np.random.default_rng(0).standard_normal(motion.theta.shape)
     run = Run(motion.t, seen, release=ReleaseInfo(release, angle_sd=1e-3), delta=0.0, noise=1e-3)
     likelihood = Likelihood(Experiment(cradle, (run,)), None, 1)
-    examined = stepwise.examine(Fitted(likelihood, likelihood.start()), 0, (False,))
+    examined = stepwise.examine(FitResult(likelihood, likelihood.start()), 0, (False,))
     assert np.isfinite(examined.residual_scan.replicate_maxima).all()
     assert examined.p > 0.01  # of these data 0.3; with places that are no numbers 0.0025, the least there is
 
@@ -548,7 +548,12 @@ def test_what_another_effect_requires_is_tried_for_removal_after_that(monkeypatc
 
     def fit(names):
         return SimpleNamespace(
-            names=names, chi2=1000.0, point=[0.0] * len(names), values={}, experiment=names, coloured=(1.0, 1000.0)
+            names=names,
+            chi2=1000.0,
+            point=[0.0] * len(names),
+            values={},
+            experiment=names,
+            effective_sample=EffectiveSample(1.0, 1000.0),
         )
 
     monkeypatch.setattr(repair, "without_effect", lambda model, name: tuple(n for n in model if n != name))
@@ -565,7 +570,9 @@ def test_the_model_without_is_looked_for_from_where_rivals_lead(monkeypatch):
     """Of three bobs of unequal length, creep or drag did as well as a second effect: none was needed, for all that
     they did was to lead to a better mode of the lengths alone."""
     base = SimpleNamespace(chi2=1500.0, point=[0.0], values={}, cradle=SimpleNamespace(has=lambda _: False))
-    of_two = SimpleNamespace(chi2=1000.0, point=[0.0] * 2, values={}, coloured=(1.0, 1000.0), experiment=None)
+    of_two = SimpleNamespace(
+        chi2=1000.0, point=[0.0] * 2, values={}, effective_sample=EffectiveSample(1.0, 1000.0), experiment=None
+    )
     last, rival, looked = (
         SimpleNamespace(fitted=of_two, score_test=SimpleNamespace(replicate_maxima=None)),
         SimpleNamespace(),
@@ -595,7 +602,7 @@ def stopped(*_):
 def test_a_model_that_cannot_swing_has_no_rivals(dragged, monkeypatch):
     experiment = Experiment.load(dragged)
     model = with_effects(experiment, {"quadratic_drag": {"c2": 1e-3}})
-    fit = SimpleNamespace(experiment=model, values={}, coloured=(1.0, 100.0))
+    fit = SimpleNamespace(experiment=model, values={}, effective_sample=EffectiveSample(1.0, 100.0))
     monkeypatch.setattr(repair, "_rivals", lambda *_: list_candidates(experiment.cradle))
     searcher, steps = (
         SimpleNamespace(criteria=DEFAULT_CRITERIA, fit_from_values=stopped),
@@ -662,9 +669,9 @@ def test_correlated_residuals_count_for_less(plain):
     for i in range(1, len(white)):
         walk[i] = 0.9 * walk[i - 1] + np.sqrt(1 - 0.81) * white[i]
     for noise, expected in ((white, 1.0), (walk, 19.0)):
-        fitted = Fitted(Likelihood(experiment), Likelihood(experiment).start())
+        fitted = FitResult(Likelihood(experiment), Likelihood(experiment).start())
         vars(fitted)["residuals"] = noise.ravel()
-        inflation, effective = fitted.coloured
+        inflation, effective = fitted.effective_sample
         assert inflation == pytest.approx(expected, rel=0.25)
         assert effective == pytest.approx(white.size / expected, rel=0.25)
 

@@ -14,7 +14,7 @@ from cradle_env.cradle import Cradle
 from cradle_env.release import Release
 from identification.experiment.csv_file import read_recording
 from identification.experiment.experiment import Experiment, ExperimentError, Prior, ReleaseInfo
-from identification.experiment.noise import correlation, estimated_noise, gap_of_noise
+from identification.experiment.noise import estimate_correlation, estimate_noise, noise_gap_bound
 from identification.experiment.run import Run
 from identification.experiment.scaffold import scaffold
 from identification.storage.files import write_together
@@ -145,7 +145,7 @@ def test_the_noise_is_told_from_the_swing(rate, missing, sigma):
     readings = 0.228 * np.sin(2.0 * np.pi * times / 1.1) + sigma * rng.standard_normal(len(times))
     readings[rng.random(len(times)) < missing] = np.nan
     # The median of 500 independent differences scatters by 4 %; a higher order is taken only if a tenth lower.
-    assert estimated_noise(Run(times, readings[:, None], state="free")) == pytest.approx(sigma, rel=0.2)
+    assert estimate_noise(Run(times, readings[:, None], state="free")) == pytest.approx(sigma, rel=0.2)
 
 
 def test_the_noise_is_that_of_what_may_be_fitted():
@@ -154,7 +154,7 @@ def test_the_noise_is_that_of_what_may_be_fitted():
     times = np.arange(-600, 1200) / 60.0
     shaken = np.where((times < 0.0) | (times > 12.0), 0.03, 1e-3) * rng.standard_normal(len(times))
     run = Run(times, (0.2 * np.sin(6.0 * times) + shaken)[:, None], state="free", fit_from=0.0, fit_to=12.0)
-    assert estimated_noise(run) == pytest.approx(1e-3, rel=0.2)
+    assert estimate_noise(run) == pytest.approx(1e-3, rel=0.2)
 
 
 def test_bobs_that_are_lost_before_the_window_are_not_seen():
@@ -176,16 +176,16 @@ def test_correlated_noise_passes_its_gap_once_in_a_hundred_times():
     run = Run(np.arange(n) / 60, np.full((n, 1), 0.1), state="free")
     noise = correlated_noise((n, 20_000), -1.0 / np.log(rho), np.random.default_rng(3))
     over = np.sqrt(np.mean(noise**2, axis=0))
-    limit = gap_of_noise((run,), [np.ones(n, bool)], [(1.0 + rho) / (1.0 - rho)])
+    limit = noise_gap_bound((run,), [np.ones(n, bool)], [(1.0 + rho) / (1.0 - rho)])
     # As white noise it would be passed by 4 %; a χ² of as many fewer readings is not quite theirs.
     assert np.mean(over > limit) == pytest.approx(0.01, abs=0.003)
-    assert np.mean(over > gap_of_noise((run,), [np.ones(n, bool)])) > 0.03
+    assert np.mean(over > noise_gap_bound((run,), [np.ones(n, bool)])) > 0.03
 
 
 def test_noise_alone_passes_its_gap_once_in_a_hundred_times():
     run = Run(np.arange(60) / 60, np.where(np.arange(60) < 50, 0.1, np.nan)[:, None], state="free")
     noise = np.random.default_rng(3).standard_normal((40_000, 50))
-    limit = gap_of_noise((run,), [np.ones(60, bool)])  # missing readings do not count
+    limit = noise_gap_bound((run,), [np.ones(60, bool)])  # missing readings do not count
     # A share of 0.01 scatters by 0.0005 in so many draws.
     assert np.mean(np.sqrt(np.mean(noise**2, axis=1)) > limit) == pytest.approx(0.01, abs=0.002)
 
@@ -194,7 +194,7 @@ def test_readings_of_two_tables_have_their_own_spacing():
     rng = np.random.default_rng(2)
     readings = 1e-3 * rng.standard_normal((600, 2))
     readings[::2, 0] = readings[1::2, 1] = np.nan  # bobs seen in turns
-    assert estimated_noise(Run(np.arange(600) / 60, readings, state="free")) == pytest.approx(1e-3, rel=0.2)
+    assert estimate_noise(Run(np.arange(600) / 60, readings, state="free")) == pytest.approx(1e-3, rel=0.2)
 
 
 @pytest.mark.parametrize("rho, off", [(0.0, 0.0), (0.3, 0.1), (0.7, 0.1)])
@@ -204,7 +204,7 @@ def test_correlation_of_noise_whatever_the_model_lacks(rho, off):
     seen = np.random.default_rng(5).random(2200) > 0.03
     bobs = correlated_noise((2200, 2), -1.0 / np.log(rho) if rho else 0.0, np.random.default_rng(6))
     bobs += np.sin(2.0 * np.pi * times / 1.1)[:, None]
-    assert correlation([(times[seen], bob[seen]) for bob in bobs.T]) == pytest.approx(rho, abs=off)
+    assert estimate_correlation([(times[seen], bob[seen]) for bob in bobs.T]) == pytest.approx(rho, abs=off)
 
 
 def test_effects_known_and_unknown(load):

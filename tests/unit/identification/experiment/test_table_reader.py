@@ -7,11 +7,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from identification.experiment.column_meaning import Meaning, meaning_of
+from identification.experiment.column_meaning import Meaning, parse_label
 from identification.experiment.csv_file import csv_text, read_recording
-from identification.experiment.plausibility import seems_mirrored, swing_period
+from identification.experiment.plausibility import is_mirrored, swing_period
 from identification.experiment.table_columns import Columns
-from identification.experiment.table_reader import mirrored, read_table
+from identification.experiment.table_reader import mirror_signs, read_table
 from identification.storage.files import ExperimentError
 from tests.paths import DATA
 
@@ -234,7 +234,7 @@ def test_what_the_user_says_must_be_possible(said, match):
      ("#", None), ("omega_1", None), ("comment", None), ("time of ball 1", None), ("x_1_2", None), ("0.25", None)],
 )  # fmt: skip
 def test_labels_mean(label, meaning):
-    assert meaning_of(label) == meaning
+    assert parse_label(label) == meaning
 
 
 # A strict file in other clothes
@@ -387,9 +387,9 @@ def test_mirrored_readings_are_recognised(tmp_path, bobs, part):
     t, theta = swings(bobs=bobs)
     labels = ",".join(f"theta_{i + 1}" for i in range(bobs))
     recording = read(tmp_path, f"t,{labels}\n" + rows(t[part].tolist(), theta[part].tolist())).recording
-    assert not seems_mirrored(recording)
-    assert seems_mirrored(mirrored(recording))
-    assert np.array_equal(mirrored(mirrored(recording)).readings, recording.readings)
+    assert not is_mirrored(recording)
+    assert is_mirrored(mirror_signs(recording))
+    assert np.array_equal(mirror_signs(mirror_signs(recording)).readings, recording.readings)
 
 
 def test_bobs_that_swing_together_or_alone_are_not_mirrored(tmp_path):
@@ -398,7 +398,7 @@ def test_bobs_that_swing_together_or_alone_are_not_mirrored(tmp_path):
     for readings in (together, -together, theta, -theta):
         labels = ",".join(f"theta_{i + 1}" for i in range(readings.shape[1]))
         recording = read(tmp_path, f"t,{labels}\n" + rows(t.tolist(), readings.tolist())).recording
-        assert not seems_mirrored(recording)
+        assert not is_mirrored(recording)
 
 
 # Real data, dressed as programs export them
@@ -414,7 +414,7 @@ def test_measured_runs_are_read_in_other_clothes(kind, tmp_path):
     file = next((DATA / kind).glob("*.csv"))
     expected = read_recording(file)
     table = read_table(file)
-    assert table.strict and not seems_mirrored(table.recording)
+    assert table.strict and not is_mirrored(table.recording)
     header, _, body = file.read_text(encoding="utf-8").partition("\n")
     other = re.sub(r"(theta|x)_(\d) \[(rad|m)\]", r"Ball \2 \1 (\3)", header.replace("t [s]", "Time (s)"))
     lines = body.replace(",", "\t").replace(".", ",").splitlines()

@@ -7,10 +7,14 @@ import numpy as np
 import pytest
 
 from identification.experiment.experiment import Experiment
-from identification.inference.impact_order_noise import learned, size, widened
+from identification.inference.impact_order_noise import (
+    add_impact_order_noise,
+    estimate_impact_order_noise,
+    impact_order_chi2,
+)
 from identification.inference.impossible_model import ImpossibleModelError
-from identification.inference.laplace import mode_at
-from identification.inference.least_squares import jacobian
+from identification.inference.laplace import laplace_approximation
+from identification.inference.least_squares import difference_jacobian
 from identification.inference.likelihood import Likelihood
 from identification.inference.unknowns import Unknown
 from tests.reference.laboratory import record, write_experiment
@@ -48,7 +52,7 @@ COVARIANCE = np.linalg.inv(A.T @ A)
 )
 def test_nothing_is_added_where_nothing_jumps(told, point):
     """Nor in the corner of two bounds, nor near the end of what is possible."""
-    found = widened(Residuals(**told), np.array(point), A, COVARIANCE)
+    found = add_impact_order_noise(Residuals(**told), np.array(point), A, COVARIANCE)
     np.testing.assert_allclose(found, COVARIANCE, rtol=1e-9)
 
 
@@ -57,7 +61,7 @@ def test_a_jump_widens_by_what_it_does_to_a_fit():
     takes C Aᵀ."""
     size = 3.0
     moved = COVARIANCE @ A.T @ (size * D)
-    found = widened(Residuals(jump=size), np.array([0.3, 0.1]), A, COVARIANCE) - COVARIANCE
+    found = add_impact_order_noise(Residuals(jump=size), np.array([0.3, 0.1]), A, COVARIANCE) - COVARIANCE
     # Of 16 pairs, 8 ± 2 differ: within 3 sd, a factor of 4.
     ratio = np.diag(found) / (2.0 * moved**2)
     assert np.all((ratio > 0.25) & (ratio < 1.75)), ratio
@@ -70,7 +74,7 @@ def test_a_jump_widens_by_what_it_does_to_a_fit():
 )
 def test_how_far_readings_jump(told, least, most):
     """By nothing where they are smooth; by no end where no pair is possible."""
-    found = size(Residuals(**told), np.array([0.3, 0.1]), A, COVARIANCE)
+    found = impact_order_chi2(Residuals(**told), np.array([0.3, 0.1]), A, COVARIANCE)
     assert least <= found / float(9.0 * D @ D) <= most
 
 
@@ -83,8 +87,10 @@ def test_unknown_noise_of_several_runs_widens_nothing(tmp_path):
     likelihood = Likelihood(Experiment.load(path))
     assert [name for name in likelihood.names if name.startswith("noise")] == ["noise@1", "noise@2"]
     start = likelihood.start()
-    before = mode_at(likelihood, start, jacobian(likelihood, start, likelihood.residuals(start)))
-    known, mode = learned(likelihood, before)
+    before = laplace_approximation(
+        likelihood, start, difference_jacobian(likelihood, start, likelihood.residuals(start))
+    )
+    known, mode = estimate_impact_order_noise(likelihood, before)
     assert len(known.noise_model.impact_order) == 2 and np.all(np.isfinite(mode.covariance))
     for k in (1, 2):
         place = likelihood.names.index(f"noise@{k}")
@@ -114,9 +120,10 @@ def test_what_else_a_model_leaves_makes_no_jump_larger(jumpiest):
     four times as much, where they would ten times if they counted as noise does."""
     found, _ = jumpiest
     likelihood, J = found.likelihood, found.jacobian
-    smooth, place = mode_at(likelihood, found.point, J).covariance, likelihood.names.index("kappa")
+    smooth, place = laplace_approximation(likelihood, found.point, J).covariance, likelihood.names.index("kappa")
     near, far = (
-        math.sqrt((widened(likelihood, found.point, J, smooth, c) - c * smooth)[place, place]) for c in (1.0, 100.0)
+        math.sqrt((add_impact_order_noise(likelihood, found.point, J, smooth, c) - c * smooth)[place, place])
+        for c in (1.0, 100.0)
     )
     assert far < 6.0 * near
 
@@ -128,7 +135,7 @@ def test_jumps_once_known_leave_a_density_that_can_be_sampled(jumpiest):
     errors that still know κ to a part in a thousand."""
     found, truth = jumpiest
     plain = found.likelihood
-    known, mode = learned(plain, mode_at(plain, found.point, found.jacobian))
+    known, mode = estimate_impact_order_noise(plain, laplace_approximation(plain, found.point, found.jacobian))
     normal = np.random.default_rng(0).standard_normal((32, len(truth)))
     points = mode.point + normal @ np.linalg.cholesky(mode.covariance).T
     departures = [one.log_densities(points)[:, 0] + 0.5 * np.sum(normal**2, axis=1) for one in (plain, known)]
@@ -143,8 +150,8 @@ def test_jumps_once_known_leave_a_density_that_can_be_sampled(jumpiest):
 
 def test_two_bobs_have_no_order_to_flip(tmp_path):
     found, _ = nothing_hidden(tmp_path, "00-nothing-2")
-    mode = mode_at(found.likelihood, found.point, found.jacobian)
-    known, same = learned(found.likelihood, mode)
+    mode = laplace_approximation(found.likelihood, found.point, found.jacobian)
+    known, same = estimate_impact_order_noise(found.likelihood, mode)
     assert known is found.likelihood and same is mode
 
 

@@ -15,7 +15,7 @@ from identification.experiment.train_test import training_rows
 from identification.inference import least_squares as least_squares_module
 from identification.inference.calibration import calibrate
 from identification.inference.least_squares import bounds
-from identification.inference.likelihood import Likelihood, lifted_further
+from identification.inference.likelihood import Likelihood, shift_release_angle
 from identification.inference.mode_search import find_mode
 from identification.inference.noise_model import ImpactOrderNoise
 from identification.inference.posterior import Posterior
@@ -43,8 +43,8 @@ def experiment(angle_error=0.0, noise=1e-3, seconds=12.0, lost=()):
 @pytest.mark.parametrize("error", [-0.002, 0.0, 0.002])
 @pytest.mark.parametrize("angle", [-0.2, 0.2])
 def test_an_angle_error_lifts_further_or_less_far(error, angle):
-    assert lifted_further(Release(angle=angle), error).angle == pytest.approx(angle * (1 + error / 0.2), abs=1e-15)
-    two = lifted_further(Release(angles={1: -0.2, 3: 0.2}), error).angles
+    assert shift_release_angle(Release(angle=angle), error).angle == pytest.approx(angle * (1 + error / 0.2), abs=1e-15)
+    two = shift_release_angle(Release(angles={1: -0.2, 3: 0.2}), error).angles
     assert two[1] == pytest.approx(-0.2 - error) and two[3] == pytest.approx(0.2 + error)
 
 
@@ -64,15 +64,15 @@ def test_a_descent_ends_where_minpack_does_with_fewer_simulations(monkeypatch):
     """Held against SciPy's MINPACK at its tightest, with derivatives by central differences."""
     likelihood, simulations = Likelihood(experiment()), []
     start = likelihood.start() + np.array([-0.3, 0.049, 0.5, 2e-3])  # κ 0.5 % off, its mode 1 % wide
-    scale = least_squares_module.steps(likelihood)
+    scale = least_squares_module.difference_steps(likelihood)
     least = 2.0 * least_squares(
         likelihood.residuals, start, "3-point", method="lm", x_scale=scale, xtol=1e-12, ftol=1e-12
     ).cost  # fmt: skip
     residuals = likelihood.residuals
     monkeypatch.setattr(likelihood, "residuals", lambda z: simulations.append(z) or residuals(z), raising=False)
     counts = []
-    for foretold in (least_squares_module._FORETOLD, 0.0):  # 0: no step corrects derivatives
-        monkeypatch.setattr(least_squares_module, "_FORETOLD", foretold)
+    for foretold in (least_squares_module._BROYDEN_ERROR, 0.0):  # 0: no step corrects derivatives
+        monkeypatch.setattr(least_squares_module, "_BROYDEN_ERROR", foretold)
         simulations.clear()
         assert least_squares_module.refine(likelihood, start, 40)[1] == pytest.approx(
             least, abs=2e-3

@@ -10,9 +10,9 @@ import pytest
 
 from cradle_env import CATALOGUE, Effect, Parameter
 from identification.inference.checkpoint import Chains, Checkpoint
-from identification.inference.convergence import convergence
+from identification.inference.convergence import assess_convergence
 from identification.inference.laplace import Mode
-from identification.inference.mcmc import judged, sample
+from identification.inference.mcmc import sample, verdict_steps
 from identification.inference.noise_model import ImpactOrderNoise
 from identification.inference.unknowns import Unknown
 from identification.storage.files import ExperimentError
@@ -98,12 +98,12 @@ def test_few_steps_after_an_adaptation_are_too_few_to_tell(tmp_path, steps):
 def test_where_a_chain_ends_does_not_hang_on_how_fast_the_machine_is(tmp_path, monkeypatch):
     ends = []
     for seconds in (1e-6, 0.02, 100.0):
-        monkeypatch.setattr("identification.inference.mcmc._CHECKPOINT", seconds)
+        monkeypatch.setattr("identification.inference.mcmc._CHECKPOINT_SECONDS", seconds)
         folder = tmp_path / str(seconds)
         folder.mkdir()
         ends.append(chains(folder, None)[1].chain)
     assert all(np.array_equal(ends[0], end) for end in ends[1:])
-    several = [step for step, _ in zip(judged(), range(60), strict=False)]
+    several = [step for step, _ in zip(verdict_steps(), range(60), strict=False)]
     assert several[:11] == [*range(20, 240, 20)] and np.diff(several).max() < 0.12 * several[-1]
 
 
@@ -117,7 +117,7 @@ def test_walkers_stuck_in_two_modes_are_not_called_converged():
     rng = np.random.default_rng(0)
     chain = rng.standard_normal((2, 2000, 16, 1))
     chain[1] += 1.0  # the second ensemble sits elsewhere; each alone looks perfect
-    verdict = convergence(Chains(chain, np.zeros(chain.shape[:3]), chain[..., 0]))
+    verdict = assess_convergence(Chains(chain, np.zeros(chain.shape[:3]), chain[..., 0]))
     assert not verdict.converged and verdict.rhat_max > 1.1
     assert any("R̂" in reason for reason in verdict.reasons)
 
@@ -128,7 +128,7 @@ def test_a_slow_chain_is_refused_with_its_autocorrelation_time():
     slow = np.zeros_like(steps)
     for k in range(1, 1200):  # first-order autoregression with tau = (1 + 0.95) / (1 - 0.95) = 39
         slow[:, k] = 0.95 * slow[:, k - 1] + steps[:, k]
-    verdict = convergence(Chains(slow, np.zeros(slow.shape[:3]), np.full(slow.shape[:3], np.nan)))
+    verdict = assess_convergence(Chains(slow, np.zeros(slow.shape[:3]), np.full(slow.shape[:3], np.nan)))
     assert not verdict.converged and 25 < verdict.tau_max < 60
     assert any("τ" in reason for reason in verdict.reasons)
 
@@ -137,7 +137,7 @@ def test_a_walker_that_never_moved_is_no_converged_chain():
     rng = np.random.default_rng(2)
     chain = rng.standard_normal((2, 600, 16, 1))
     chain[0, :, 3] = 0.1
-    verdict = convergence(Chains(chain, np.zeros(chain.shape[:3]), np.full(chain.shape[:3], np.nan)))
+    verdict = assess_convergence(Chains(chain, np.zeros(chain.shape[:3]), np.full(chain.shape[:3], np.nan)))
     assert not verdict.converged and any("τ" in reason for reason in verdict.reasons)
 
 

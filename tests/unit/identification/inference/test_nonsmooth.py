@@ -13,8 +13,8 @@ from identification.inference import mode_search, nonsmooth
 from identification.inference.fit_result import with_known_noise
 from identification.inference.least_squares import cost, refine
 from identification.inference.mode_search import find_mode
-from identification.inference.nonsmooth import broad_jacobian, polish
-from identification.inference.start_points import placed
+from identification.inference.nonsmooth import descend, wide_difference_jacobian
+from identification.inference.start_points import point_at
 from studies.diagnosis.study import Apparatus, cases
 from tests.reference.laboratory import record, write_experiment
 from tests.reference.soft_contact import SoftCradle
@@ -41,12 +41,12 @@ def likelihood(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def polished(likelihood):
-    return polish(likelihood, placed(likelihood, ASTRAY))
+    return descend(likelihood, point_at(likelihood, ASTRAY))
 
 
 def test_polish_follows_a_ridge_over_jumps(likelihood, polished):
-    truth, astray = (cost(likelihood, placed(likelihood, values)) for values in (TRUE, ASTRAY))
-    narrow = refine(likelihood, placed(likelihood, ASTRAY), 40)[1]
+    truth, astray = (cost(likelihood, point_at(likelihood, values)) for values in (TRUE, ASTRAY))
+    narrow = refine(likelihood, point_at(likelihood, ASTRAY), 40)[1]
     reached = cost(likelihood, polished)
     # Five unknowns gain 5 ± 3 beside the truth, and the jumps are worth a few: within 10 of the truth is the mode.
     assert reached < truth + 10.0
@@ -55,8 +55,8 @@ def test_polish_follows_a_ridge_over_jumps(likelihood, polished):
 
 
 def test_the_truth_lies_within_the_errors(likelihood, polished):
-    point, truth = placed(likelihood, TRUE), placed(likelihood, TRUE)
-    J = broad_jacobian(likelihood, point, likelihood.residuals(point))
+    point, truth = point_at(likelihood, TRUE), point_at(likelihood, TRUE)
+    J = wide_difference_jacobian(likelihood, point, likelihood.residuals(point))
     deviations = np.sqrt(np.diag(np.linalg.inv(J.T @ J)))
     # Narrow derivatives put the truth twenty standard deviations away; 3.5 fails by chance once in 400.
     assert np.all(np.abs(polished - truth) < 3.5 * deviations)
@@ -74,9 +74,9 @@ def test_far_above_the_noise_its_size_is_of_no_matter(tmp_path):
     for noise in (3e-5, 3e-6):
         runs = tuple(dataclasses.replace(run, noise=noise) for run in experiment.runs)
         own = Searcher(FitCache(None, ""), 0, None).likelihood(dataclasses.replace(experiment, runs=runs))
-        ends.append(polish(own, own.start(), thorough=True))
+        ends.append(descend(own, own.start(), thorough=True))
         assert cost(own, ends[-1]) > 10.0 * len(own.residuals(ends[-1]))
-        J = broad_jacobian(own, ends[0], own.residuals(ends[0]))
+        J = wide_difference_jacobian(own, ends[0], own.residuals(ends[0]))
         derivatives.append(J[:-1] * noise)  # the last row is the prior's of the release
     np.testing.assert_allclose(ends[0], ends[1], rtol=1e-4)
     # Over widths ten times smaller they differ by 1e-5 of their size and more.
@@ -115,27 +115,27 @@ def test_random_steps_lead_where_derivatives_do_not(tmp_path, monkeypatch):
     apparatus = early_case("10-nothing-1")
     experiment = with_known_noise(Experiment.load(apparatus.write(tmp_path, apparatus.record([], True))))
     likelihood = Searcher(FitCache(None, ""), 0, None).likelihood(experiment)
-    truth, away = placed(likelihood, apparatus.truth), np.array([1e-3, 1e-4, 5e-3, 1e-4])
+    truth, away = point_at(likelihood, apparatus.truth), np.array([1e-3, 1e-4, 5e-3, 1e-4])
     drawn = [(1 + k) * away * np.random.default_rng(k).standard_normal(4) for k in range(6)]
     starts = [refine(likelihood, truth + step, 40)[0] for step in drawn]
-    reached = [cost(likelihood, polish(likelihood, start)) for start in starts]
+    reached = [cost(likelihood, descend(likelihood, start)) for start in starts]
     monkeypatch.setattr(nonsmooth, "_MISSES", 0)
-    by_derivatives = [cost(likelihood, polish(likelihood, start)) for start in starts]
+    by_derivatives = [cost(likelihood, descend(likelihood, start)) for start in starts]
     assert sum(reached) < sum(by_derivatives) - 100.0, (reached, by_derivatives)
 
 
 def test_a_direction_that_no_reading_sees_is_left_alone():
     J = np.zeros((50, 3))
     J[:, :2] = np.random.default_rng(0).standard_normal((50, 2))
-    assert nonsmooth._deviations(J, 1.0)[:, 2] == pytest.approx(0.0, abs=1e-12)
-    assert len(nonsmooth._deviations(J, 1.0)) == 2
+    assert nonsmooth._principal_deviations(J, 1.0)[:, 2] == pytest.approx(0.0, abs=1e-12)
+    assert len(nonsmooth._principal_deviations(J, 1.0)) == 2
 
 
 def test_every_slice_of_kappa_has_a_start():
     likelihood = SimpleNamespace(names=["b", "kappa"])
     starts = np.random.default_rng(1).uniform(0.0, 1.0, (240, 2))
     costs = starts[:, 1] + 0.01 * starts[:, 0]  # so that all that is best lies in one slice
-    chosen = mode_search._worth_refining(likelihood, starts, costs)  # type: ignore[arg-type]
+    chosen = mode_search._choose_starts(likelihood, starts, costs)  # type: ignore[arg-type]
     assert set(np.argsort(costs)[: mode_search._BEST]) <= set(chosen)
     slices = np.array_split(np.argsort(starts[:, 1]), mode_search._SLICES)
     assert all(set(some) & set(chosen) for some in slices)

@@ -10,14 +10,22 @@ import pytest
 
 from cradle_env import Cradle, Release
 from cradle_env.plot_style import png
-from identification.cli.commands import _known
+from identification.cli.commands import _format_parameter
 from identification.experiment.experiment import Experiment
 from identification.experiment.run import Prior, ReleaseInfo, Run
 from identification.inference import posterior_plots, prediction_plots
 from identification.inference.gap import Gap
 from identification.inference.posterior import Posterior
 from identification.inference.statistics import statistics
-from identification.number_format import Rounding, estimate, markup, mathtext, shown, unit_markup, unit_plain
+from identification.number_format import (
+    Rounding,
+    format_estimate,
+    format_statistics,
+    markup,
+    mathtext,
+    unit_markup,
+    unit_plain,
+)
 from identification.reporting import result_files
 from identification.storage.files import write_json
 from tests.synthetic import made_up_posterior, simulated_run
@@ -117,7 +125,7 @@ def test_an_inferred_delta_is_told_by_its_median(bobs, asked):
     drawn = [posterior.likelihood.values(point)["delta"] for point in posterior.draws(9)]
     assert prediction.cradle.delta == (np.median(drawn) if asked is None else asked)
     title = prediction_plots.prediction_figure(prediction).axes[1].get_title(loc="left")
-    told = "δ = 0.001, " if asked else shown(statistics(np.array(drawn)))["median"] + " ± "
+    told = "δ = 0.001, " if asked else format_statistics(statistics(np.array(drawn)))["median"] + " ± "
     assert told in title
 
 
@@ -178,7 +186,7 @@ def test_numbers_are_rounded_to_their_uncertainty(value, sd, text, exponent):
 
 
 def test_missing_numbers_are_dashes():
-    assert shown({"median": None, "sd": None, "ci68": [None, None], "ci95": [None, None]})["median"] == "–"
+    assert format_statistics({"median": None, "sd": None, "ci68": [None, None], "ci95": [None, None]})["median"] == "–"
 
 
 def test_symbols_and_units():
@@ -202,11 +210,11 @@ def test_symbols_and_units():
     ],
 )
 def test_an_interval_of_more_than_a_decade_has_two_digits_at_each_end(median, ci95, texts):
-    assert estimate(median, ci95) == texts
+    assert format_estimate(median, ci95) == texts
 
 
 def test_the_command_line_says_how_well_a_parameter_is_known():
-    assert _known({"median": 13.0, "ci95": [9.16, 200.0]}, "Hz") == "13 (9.2 to 200) Hz"
-    assert _known({"median": 0.0069, "ci95": [0.0, 2.0]}, "1") == "0.0069 (0 to 2.0)"
+    assert _format_parameter({"median": 13.0, "ci95": [9.16, 200.0]}, "Hz") == "13 (9.2 to 200) Hz"
+    assert _format_parameter({"median": 0.0069, "ci95": [0.0, 2.0]}, "1") == "0.0069 (0 to 2.0)"
     gaps = {"median": [0.002, 0.003], "ci95": [[0.0019, 0.0021], [0.0028, 0.0032]]}
-    assert _known(gaps, "m") == "[2.000 (1.900 to 2.100) 10⁻³ m, 3.00 (2.80 to 3.20) 10⁻³ m]"
+    assert _format_parameter(gaps, "m") == "[2.000 (1.900 to 2.100) 10⁻³ m, 3.00 (2.80 to 3.20) 10⁻³ m]"

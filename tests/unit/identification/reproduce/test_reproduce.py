@@ -53,8 +53,8 @@ NAMES = [figure.name for figure in FIGURES]
 )
 def test_post_collision_velocities_of_bobs_in_touch(bobs, published):
     # Published to four decimals. Bobs struck two at a time would have 0.0145 and 0.0148 for the last of N = 3.
-    np.testing.assert_allclose(impacts.post_collision(bobs, 0.0, 0.391) / -0.391, published, rtol=0, atol=1e-4)
-    apart = impacts.post_collision(bobs, 1e-6, 0.391) / -0.391
+    np.testing.assert_allclose(impacts.velocities_after_impact(bobs, 0.0, 0.391) / -0.391, published, rtol=0, atol=1e-4)
+    apart = impacts.velocities_after_impact(bobs, 1e-6, 0.391) / -0.391
     assert np.abs(apart - published).max() > 0.05
 
 
@@ -72,10 +72,10 @@ def test_contact_times_of_hertz_and_of_the_paper():
 
 
 def test_a_ring_down_gives_back_the_drag_that_acted():
-    found, acted = impacts.ring_down(3, "ho")
+    found, acted = impacts.fit_ring_down(3, "ho")
     assert acted == pytest.approx(0.002 * (1 + 0.3 * 4 / 3))  # ends have one neighbour, the middle two
     assert found == pytest.approx(acted, rel=1e-3)  # gaps open by less than a thousandth of the range
-    assert impacts.ring_down(3, "nsp")[0] > 1.01 * found  # strings take energy too
+    assert impacts.fit_ring_down(3, "nsp")[0] > 1.01 * found  # strings take energy too
 
 
 # --- models: Fig. 3 ---------------------------------------------------------------------------------------------
@@ -120,8 +120,8 @@ def test_tension_along_a_path():
 def test_a_cycle_takes_a_third():
     cradle = Cradle(bobs=2)
     path = strings.path_through([0.01, 0.0], 400)
-    assert strings.loss(path, string_tension(cradle, path)) == pytest.approx(1 / 3, abs=1e-4)  # trapezia: 1e-5
-    assert strings.loss(path, cradle.kappa * path) == pytest.approx(0.0, abs=1e-12)
+    assert strings.loop_loss(path, string_tension(cradle, path)) == pytest.approx(1 / 3, abs=1e-4)  # trapezia: 1e-5
+    assert strings.loop_loss(path, cradle.kappa * path) == pytest.approx(0.0, abs=1e-12)
 
 
 # --- σ and λ: Figs. 6 to 8 --------------------------------------------------------------------------------------
@@ -133,7 +133,7 @@ def test_published_exponents():
         # As in test_synchronization: 0.3 % below the published; the other start is 4 to 12 % away.
         np.testing.assert_allclose(table[f"lambda, {start} start [1/s]"], published, rtol=6e-3)
     t = np.linspace(0, 60, 3000)
-    assert exponent.decay(t, np.exp(-0.08 * t)) == pytest.approx(0.08, rel=1e-9)
+    assert exponent.fit_decay_rate(t, np.exp(-0.08 * t)) == pytest.approx(0.08, rel=1e-9)
 
 
 def test_fig_6_says_what_its_lines_are_and_ends_with_the_last_whole_envelope():
@@ -213,7 +213,7 @@ def test_least_exponent(centre, sharpness, verdicts):
 
 def test_beats_are_found():
     sigma = np.exp(-np.linspace(0, 3, 200))[:, None] * np.abs(np.cos(np.outer(np.linspace(0, 9, 200), [0.0, 1.0])))
-    again = judgements.rebound(sigma)
+    again = judgements.largest_rise(sigma)
     assert again[0] == 0.0
     assert again[1] == pytest.approx(np.exp(-1.05), abs=0.03)  # the second lobe, at its top at ωt = π − 0.1
 
@@ -258,10 +258,10 @@ def test_linear_ratio(hysteresis):
 def test_peaks_are_located():
     x = np.linspace(0, 10, 301)
     y = 1 + 0.5 * np.exp(-((x - 3.217) ** 2) / 0.02) + 0.02 * np.exp(-((x - 7.0) ** 2) / 0.02)
-    where, height = resonance.peaks(x, y)
+    where, height = resonance.find_prominent_peaks(x, y)
     assert where == pytest.approx([3.217], abs=2e-3)  # the parabola of a Gaussian, spacing 0.033
     assert height == pytest.approx([0.5], abs=0.02)
-    assert len(resonance.peaks(x, y, prominence=0.01)[0]) == 2
+    assert len(resonance.find_prominent_peaks(x, y, prominence=0.01)[0]) == 2
 
 
 # --- contacts, numbers ------------------------------------------------------------------------------------------
@@ -277,10 +277,10 @@ def test_contacts_that_share_a_bob():
 
 def test_scaling_laws_are_told_apart():
     bobs = np.arange(2.0, 11.0)
-    (at_two, slope), line_off, (factor, power), power_off = numbers.fits(bobs, 0.03 * bobs**0.7)
+    (at_two, slope), line_off, (factor, power), power_off = numbers.fit_laws(bobs, 0.03 * bobs**0.7)
     assert (factor, power) == pytest.approx((0.03, 0.7), rel=1e-6)
     assert power_off < 1e-9 < 1e-4 < line_off
-    (at_two, slope), line_off, _, power_off = numbers.fits(bobs, 0.05 + 0.01 * (bobs - 2))
+    (at_two, slope), line_off, _, power_off = numbers.fit_laws(bobs, 0.05 + 0.01 * (bobs - 2))
     assert (at_two, slope) == pytest.approx((0.05, 0.01), rel=1e-6)
     assert line_off < 1e-9 < 1e-4 < power_off
 
@@ -392,7 +392,7 @@ def made_up_figure(name: str, needs=(), data=lambda study: None, calibrated=Fals
         return {"t": {"x, in m": np.array([1.5, 2.5]), "short": np.array(seen)}}
 
     def claims(tables):
-        return [Claim.judged("s", "1", len(tables["t"]["short"]) == len(needs), str(tables["t"]["short"]))]
+        return [Claim.judge("s", "1", len(tables["t"]["short"]) == len(needs), str(tables["t"]["short"]))]
 
     return Figure(name, name, table, lambda tables: matplotlib.figure.Figure(), claims, needs, calibrated)
 

@@ -8,11 +8,11 @@ from pathlib import Path
 
 import numpy as np
 
-from identification.sweep.store import BLOCK, IMPOSSIBLE, Plan, kind
+from identification.sweep.store import BLOCK, IMPOSSIBLE, Plan, reason_kind
 from identification.sweep.tables import write_table
 
 
-class Swept:
+class SweepResult:
     """A finished sweep. swept[name]: a quantity in the shape of the grid, for a series (…, T); nan where impossible."""
 
     def __init__(self, plan: Plan, rows: np.ndarray, reasons: Sequence[tuple[int, str]]) -> None:
@@ -24,7 +24,7 @@ class Swept:
 
     def problems(self, start: int, stop: int) -> list[str]:
         """What is wrong with each of the points from one flat index to another, numbers left out; "" if nothing is."""
-        kinds = ["", "", *(kind(reason) for _, reason in self.reasons)]
+        kinds = ["", "", *(reason_kind(reason) for _, reason in self.reasons)]
         return [kinds[status] for status in self.rows[start:stop]["status"]]
 
     def failures(self) -> dict[str, int]:

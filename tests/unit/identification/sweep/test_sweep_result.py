@@ -9,7 +9,7 @@ import pytest
 from cradle_env import Cradle, Release
 from cradle_env.plot_style import png
 from identification.sweep import Grid, sweep, tables
-from identification.sweep.picture import sweep_figure
+from identification.sweep.figure import sweep_figure
 
 PAIR, RELEASE = Cradle(bobs=2), Release(angle=0.228)
 

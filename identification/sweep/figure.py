@@ -12,7 +12,7 @@ from cradle_env.plot_style import bob_styles, quiet_grid, styled
 from identification.number_format import mathtext, unit_mathtext
 from identification.sweep.grid import Axis, Grid
 from identification.sweep.quantities import Quantity
-from identification.sweep.swept import Swept
+from identification.sweep.sweep_result import SweepResult
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 #: An axis of so few values makes a curve of each of them, rather than a map; so many panels fit on a page.
 _MOST_CURVES, _MOST_PANELS = 5, 12
 #: What could not be simulated.
-_NOTHING = "#D9D9D9"
+_IMPOSSIBLE_COLOUR = "#D9D9D9"
 
 
 def label(symbol: str, unit: str) -> str:
@@ -31,12 +31,12 @@ def label(symbol: str, unit: str) -> str:
 
 
 def _axis_label(axis: Axis) -> str:
-    unit, symbol = axis.described
+    unit, symbol = axis.unit_and_symbol
     return label(symbol, unit)
 
 
 @styled
-def sweep_figure(swept: Swept) -> Figure:
+def sweep_figure(swept: SweepResult) -> Figure:
     """Each quantity in a row of its own: curves over the longest axis, one for each value of a short second axis; a map
     over two long axes, or over an axis and time; beyond, a panel for each value of the further axes, evenly chosen
     where there are many."""
@@ -60,7 +60,7 @@ def sweep_figure(swept: Swept) -> Figure:
 class _Row:
     """One quantity of a sweep, and which of its axes are drawn; the others are gone through panel by panel."""
 
-    def __init__(self, swept: Swept, quantity: Quantity, drawn: list[int]) -> None:
+    def __init__(self, swept: SweepResult, quantity: Quantity, drawn: list[int]) -> None:
         self.grid, self.quantity = swept.plan.grid, quantity
         others = [k for k in range(len(self.grid.axes)) if k not in drawn]
         shape = tuple(self.grid.shape[k] for k in others)
@@ -87,7 +87,7 @@ class _Row:
         map_of = self.quantity.series or (second is not None and len(second) > _MOST_CURVES)
         for axes, panel, values in zip(panels, self.panels, self.values, strict=False):
             axes.set_xlabel(_axis_label(self.axes[0]))
-            axes.set_title(_told(self.grid, self.others, panel))
+            axes.set_title(_panel_title(self.grid, self.others, panel))
             if map_of:
                 image = self._map(axes, values)
             else:
@@ -110,7 +110,7 @@ class _Row:
         x = self.axes[0].values
         several = [("", values)]
         if second is not None:
-            several = [(_short(second, i), values[:, i]) for i in range(len(second))]
+            several = [(_format_coordinate(second, i), values[:, i]) for i in range(len(second))]
         marker = "." if len(x) <= 60 else None
         for (text, line), style in zip(several, bob_styles(len(several)), strict=True):
             axes.plot(x, line, marker=marker, label=text, **style)
@@ -127,7 +127,7 @@ class _Row:
         """values: (n, m), against the second axis or against time; impossible points grey."""
         x, y = self.axes[0].values, self.times if self.quantity.series else self.axes[1].values
         low, high = _limits(self.values)
-        axes.set_facecolor(_NOTHING)
+        axes.set_facecolor(_IMPOSSIBLE_COLOUR)
         image = axes.pcolormesh(
             _edges(x), _edges(y), values.T, cmap="viridis", vmin=low, vmax=high, rasterized=True
         )  # fmt: skip
@@ -140,13 +140,13 @@ class _Row:
         return image
 
 
-def _told(grid: Grid, others: list[int], panel: tuple) -> str:
-    return ", ".join(_short(grid.axes[k], int(i)) for k, i in zip(others, panel, strict=True))
+def _panel_title(grid: Grid, others: list[int], panel: tuple) -> str:
+    return ", ".join(_format_coordinate(grid.axes[k], int(i)) for k, i in zip(others, panel, strict=True))
 
 
-def _short(axis: Axis, i: int) -> str:
+def _format_coordinate(axis: Axis, i: int) -> str:
     """ "β = 0.114" of a value of an axis."""
-    unit, symbol = axis.described
+    unit, symbol = axis.unit_and_symbol
     told = f"{label(symbol, '1')} = {axis.values[i]:.4g}{'' if unit == '1' else ' ' + unit}"
     return told.replace("-", "−")
 
