@@ -13,6 +13,7 @@ from studies.diagnosis.errors import ROWS as AGAIN_ROWS
 from studies.diagnosis.errors import choose_rows, film_again
 from studies.diagnosis.rows import (
     below_detection_limit,
+    comes_first,
     is_confounded,
     is_exact,
     read_rows,
