@@ -86,12 +86,15 @@ def run(cradle, bobs, table, S, W, until, times, motion, energy, impacts, count)
     return status, count
 
 
-@jit
+@part
 def advance(cradle, bobs, table, S, W, until, times, motion, energy, impacts, count):
     """The loop of `run`: every event up to `until` [s]."""
-    if S[0, T1] == S[0, T0] and not begin(cradle, bobs, S, W):
-        return NOT_FINITE, count
+    lo, hi = _FIRST, _FIRST  # bobs to fly on
+    if S[0, T1] == S[0, T0]:
+        hi = begin(cradle, bobs, S, W)
     while True:
+        if not fly_on(cradle, bobs, S, W, lo, hi):
+            return NOT_FINITE, count
         bob, end, p, meeting = next_event(S)
         now = min(end, meeting)
         if now > until:
@@ -109,13 +112,11 @@ def advance(cradle, bobs, table, S, W, until, times, motion, energy, impacts, co
             lo, hi, count = meet(cradle, bobs, table, S, W, p, times, motion, energy, impacts, count)
         else:
             lo, hi = finish(cradle, bobs, S, W, bob, times, motion, energy)
-        if not fly_on(cradle, bobs, S, W, lo, hi):
-            return NOT_FINITE, count
 
 
 @part
 def begin(cradle, bobs, S, W):
-    """Lays the first segments from START at T0 and finds which contacts persist. Returns whether all is finite."""
+    """Finds which contacts persist at START, at T0. Returns how many bobs there are to fly on."""
     n = len(bobs)
     first = _FIRST
     for i in range(n):
@@ -123,7 +124,7 @@ def begin(cradle, bobs, S, W):
     free_derivative(cradle, bobs, S, W, first, n, S[0, T0], S, START, S, RATE0)
     settle(cradle, bobs, S, W, first, n)
     regroup(cradle, bobs, S, W, first, n)
-    return fly_on(cradle, bobs, S, W, first, n)
+    return n
 
 
 @part
@@ -138,14 +139,14 @@ def next_event(S):
     return bob, end, p, meeting
 
 
-@jit
+@part
 def fly_on(cradle, bobs, S, W, lo, hi):
     """Lays the next segment of every group among the bobs lo..hi-1 and looks for meetings with neighbours."""
-    if not lay(cradle, bobs, S, W, lo, hi):
-        return False
-    for p in range(max(lo - 1, 0), min(hi, len(bobs) - 1)):
-        S[p, MEETING] = predict(cradle, bobs, S, p)
-    return True
+    finite = lay(cradle, bobs, S, W, lo, hi)
+    if finite and hi > lo:
+        for p in range(max(lo - 1, 0), min(hi, len(bobs) - 1)):
+            S[p, MEETING] = predict(cradle, bobs, S, p)
+    return finite
 
 
 @jit
@@ -246,7 +247,7 @@ def regroup(cradle, bobs, S, W, lo, hi):
             first = i + 1
 
 
-@jit
+@part
 def meet(cradle, bobs, table, S, W, p, times, motion, energy, impacts, count):
     """The meeting of pair p: ends the segments of all bobs concerned, resolves the impact, decides which contacts
     persist. Returns the range of bobs to fly on, and the rows of `impacts` in use."""

@@ -4,7 +4,7 @@ import math
 
 from cradle_env.mechanics.contact import blow_speed, close_gaps, opening, pair
 from cradle_env.mechanics.integrator import derivative, step
-from cradle_env.mechanics.jit import jit, leaf, part
+from cradle_env.mechanics.jit import jit, part
 from cradle_env.mechanics.lanes import WIDTH
 from cradle_env.mechanics.layout import (
     BRANCH,
@@ -33,7 +33,15 @@ from cradle_env.mechanics.layout import (
     T1,
     WHOSE,
 )
-from cradle_env.mechanics.series_flight import flies_on_series, fly_lanes, lay_ahead, load, take_later
+from cradle_env.mechanics.series_flight import (
+    NO_LANE,
+    PRESENT,
+    flies_on_series,
+    fly_lanes,
+    lay_ahead,
+    load,
+    take_later,
+)
 from cradle_env.mechanics.string_events import half_square, string_event
 
 # How well the end of a contact is located [s].
@@ -42,10 +50,10 @@ _PART_TOLERANCE = 1e-10
 _SHORTEST = 0.25
 
 
-@leaf
+@part
 def lay(cradle, bobs, S, W, lo, hi):
     """Lays the next segment of every group among the bobs lo..hi-1. Returns whether all are finite."""
-    i, lanes, finite = lo, 0, True
+    i, lanes, finite = lo, NO_LANE, True
     while i < hi:
         last = int(S[i, LAST])
         if not flies_on_series(cradle, S, i):
@@ -55,8 +63,8 @@ def lay(cradle, bobs, S, W, lo, hi):
         else:
             if lanes == WIDTH:
                 finite = fly_lanes(cradle, bobs, S, W, lanes) and finite
-                lanes = 0
-            load(cradle, bobs[i], S, W, lanes, i, 0)
+                lanes = NO_LANE
+            load(cradle, bobs[i], S, W, lanes, i, PRESENT)
             lanes += 1
         i = last
     if lanes > 0:

@@ -16,13 +16,13 @@ from cradle_env.mechanics.layout import ORDER, SERIES_WIDTH
 WIDTH = 4
 
 # Rows of the lanes in scratch, WIDTH numbers each. What is known of a bob at the start of its segment: place and
-# velocity from the pivot, what acts on it, place and velocity along x in the room, drag [kg/s], and for its step: the
-# longest [s], the error [m] that it may make.
+# velocity from the pivot, what acts on it, place and velocity along x in the room, drag [kg/s]; for its step: the
+# longest [s], the error [m] that it may make; where in the state its series goes.
 X, Z, U, W, FORCES = 0, 1, 2, 3, 4
 ROOM_X = FORCES + len(taylor.Forces._fields)
-ROOM_U, DRAG_B, LONGEST, ALLOWED = ROOM_X + 1, ROOM_X + 2, ROOM_X + 3, ROOM_X + 4
+ROOM_U, DRAG_B, LONGEST, ALLOWED, PLACE = ROOM_X + 1, ROOM_X + 2, ROOM_X + 3, ROOM_X + 4, ROOM_X + 5
 # What comes out: the step h [s]; r^2 with its slope and second derivative at h; the coefficients of r^2.
-STEP, SQUARE, SLOPE, BEND, SQUARES = ROOM_X + 5, ROOM_X + 6, ROOM_X + 7, ROOM_X + 8, ROOM_X + 9
+STEP, SQUARE, SLOPE, BEND, SQUARES = PLACE + 1, PLACE + 2, PLACE + 3, PLACE + 4, PLACE + 5
 ROWS = SQUARES + ORDER - 1
 
 _DOUBLE, _INT, _INT32 = ir.DoubleType(), ir.IntType(64), ir.IntType(32)
@@ -123,18 +123,19 @@ def _store_lanes(builder, rows, data, places, offset):
 
 
 @intrinsic
-def expand(typing, scratch, first, state, a, b, c, d):
+def expand(typing, scratch, first, state):
     """Expands the flights of four bobs whose lanes stand in `scratch` from number `first` on.
 
-    Their series go to `state`, from its numbers a, b, c and d on: for each power of time x, z and their velocities, in
-    the room, and behind these the work of drag. Lanes in which there is no bob have the place of the first.
+    Their series go to `state`, each from number PLACE on: for each power of time x, z and their velocities, in the
+    room, and behind these the work of drag. Lanes in which there is no bob have the place of the first.
     """
 
     def codegen(context, builder, signature, arguments):
-        scratch, first, state, *places = arguments
+        scratch, first, state = arguments
         lanes = builder.gep(_data(context, builder, signature.args[0], scratch), [first])
         state = _data(context, builder, signature.args[2], state)
         rows = [Lanes(builder, _load(builder, lanes, WIDTH * row)) for row in range(STEP)]
+        places = [builder.fptosi(place, _INT) for place in _numbers(builder, rows[PLACE])]
         forces = taylor.Forces(*rows[FORCES:ROOM_X])
         x, z, squares = taylor.flight(rows[X], rows[Z], rows[U], rows[W], forces, ORDER, Lanes.sqrt)
 
@@ -160,8 +161,7 @@ def expand(typing, scratch, first, state, a, b, c, d):
             _store_lanes(builder, block, state, places, WIDTH * (ORDER + 1) + k)
         return context.get_dummy_value()
 
-    index = types.int64
-    return types.void(scratch, index, state, index, index, index, index), codegen
+    return types.void(scratch, types.int64, state), codegen
 
 
 def _spread(builder, number):

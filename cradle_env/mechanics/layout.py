@@ -187,5 +187,5 @@ CHAIN = FORCE + 12  # a chain's overlap, its rate, impulse and work; 4 each: now
 CANDIDATE = CHAIN + 4 * 9  # 1: this contact may persist; 2: it presses
 # Lanes, in row 0 only: see `lanes`; which bob is in each, 1 for the segment after its present one, and the branch.
 LANES = _INT(CANDIDATE + 1)
-LANE_BOB, LANE_LATER, LANE_BRANCH = LANES + 4 * (20 + ORDER) + _INT([0, 4, 8])
+LANE_BOB, LANE_LATER, LANE_BRANCH = LANES + 4 * (21 + ORDER) + _INT([0, 4, 8])
 SCRATCH = int(LANE_BRANCH) + 4

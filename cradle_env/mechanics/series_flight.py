@@ -6,6 +6,8 @@ that follow their present ones.
 
 import math
 
+import numpy as np
+
 from cradle_env.mechanics.forces import pivot_at
 from cradle_env.mechanics.jit import jit, leaf, part
 from cradle_env.mechanics.lanes import (
@@ -14,6 +16,7 @@ from cradle_env.mechanics.lanes import (
     DRAG_B,
     FORCES,
     LONGEST,
+    PLACE,
     ROOM_U,
     ROOM_X,
     SLOPE,
@@ -65,6 +68,8 @@ from cradle_env.mechanics.layout import (
 )
 from cradle_env.mechanics.string_events import CROSSING, direction_after, loading, stretching, string_event, turned
 
+# Which segment of a bob is in a lane; an empty lane is the first.
+PRESENT, FOLLOWING, NO_LANE = np.int64(0), np.int64(1), np.int64(0)
 # Halvings that find the bottom of a dip.
 _BISECTIONS = 20
 
@@ -110,18 +115,19 @@ def lay_ahead(cradle, bobs, S, W, lanes):
                 bob, first = i, S[i, T1]
         if bob < 0:
             return lane
-        load(cradle, bobs[bob], S, W, lane, bob, 1)
+        load(cradle, bobs[bob], S, W, lane, bob, FOLLOWING)
     return WIDTH
 
 
 @leaf
 def load(cradle, bob, S, W, lane, i, later):
-    """Puts bob i's next segment into a lane; later = 1: the one after its present segment."""
+    """Puts bob i's PRESENT segment into a lane, which begins at START, or the one FOLLOWING it, which begins at END."""
     t, c = (S[i, T1], END) if later else (S[i, T0], START)
     branch, t0, t1, t2 = S[i, BRANCH], S[i, TENSION], S[i, TENSION + 1], S[i, TENSION + 2]
     if later:
         branch, t0, t1, t2 = branch_after(cradle, bob, S, i)
     W[0, LANE_BOB + lane], W[0, LANE_LATER + lane], W[0, LANE_BRANCH + lane] = i, later, branch
+    W[0, LANES + WIDTH * PLACE + lane] = i * COLUMNS + (LATER_SERIES if later else SERIES)
     row, pull, drag = W[0, LANES + lane :], bob.grip * bob.mobility, bob.b * bob.mobility
     row[WIDTH * X], row[WIDTH * Z] = S[i, c] - pivot_at(bob, t), S[i, c + 1]
     row[WIDTH * U], row[WIDTH * VZ] = S[i, c + 2] - bob.drive, S[i, c + 3]
@@ -146,19 +152,13 @@ def branch_after(cradle, bob, S, i):
 def fly_lanes(cradle, bobs, S, W, lanes):
     """Lays the segments of the bobs in the first `lanes` lanes. Returns whether they are finite."""
     for lane in range(lanes, WIDTH):
-        W[0, LANE_BOB + lane], W[0, LANE_LATER + lane] = W[0, LANE_BOB], W[0, LANE_LATER]
-    expand(W, LANES, S, place_in(W, 0), place_in(W, 1), place_in(W, 2), place_in(W, 3))
+        W[0, LANES + WIDTH * PLACE + lane] = W[0, LANES + WIDTH * PLACE]
+    expand(W, LANES, S)
     finite = True
     for lane in range(lanes):
         i = int(W[0, LANE_BOB + lane])
         finite = close(cradle, bobs[i], S, W, lane, i, W[0, LANE_LATER + lane] != 0.0) and finite
     return finite
-
-
-@leaf
-def place_in(W, lane):
-    """Where the series in a lane goes, as a number of S."""
-    return int(W[0, LANE_BOB + lane]) * COLUMNS + (LATER_SERIES if W[0, LANE_LATER + lane] != 0.0 else SERIES)
 
 
 @leaf

@@ -54,8 +54,8 @@ def test_a_series_is_the_motion(branch: str) -> None:
 
 
 @numba.njit
-def expanded(scratch: np.ndarray, state: np.ndarray, a: int, b: int, c: int, d: int) -> None:
-    lanes.expand(scratch, 0, state, a, b, c, d)
+def expanded(scratch: np.ndarray, state: np.ndarray) -> None:
+    lanes.expand(scratch, 0, state)
 
 
 @numba.njit
@@ -63,8 +63,8 @@ def evaluated(state: np.ndarray, place: int, t: float) -> tuple[tuple[float, ...
     return lanes.motion_on(state, place, t), lanes.work_on(state, place, t)
 
 
-def load(scratch: np.ndarray, lane: int, branch: str) -> None:
-    scratch[: lanes.STEP, lane] = [*STATE, *forces(branch), STATE[0] - 0.5, STATE[2] + 0.02, 0.002, 0.04, 3e-15]
+def load(scratch: np.ndarray, lane: int, branch: str, place: int = 0) -> None:
+    scratch[: lanes.STEP, lane] = [*STATE, *forces(branch), STATE[0] - 0.5, STATE[2] + 0.02, 0.002, 0.04, 3e-15, place]
 
 
 def test_lanes_are_the_series_bit_for_bit() -> None:
@@ -72,8 +72,9 @@ def test_lanes_are_the_series_bit_for_bit() -> None:
     for lane in range(lanes.WIDTH):
         scratch, state = np.zeros((lanes.ROWS, lanes.WIDTH)), np.zeros((4, layout.SERIES_WIDTH))
         for other, branch in enumerate(BRANCHES):
-            load(scratch, (lane + other) % lanes.WIDTH, branch)
-        expanded(scratch, state, *(layout.SERIES_WIDTH * k for k in range(4)))
+            at = (lane + other) % lanes.WIDTH
+            load(scratch, at, branch, layout.SERIES_WIDTH * at)
+        expanded(scratch, state)
         for other, branch in enumerate(BRANCHES):
             row = state[(lane + other) % lanes.WIDTH]
             x, z, squares = taylor.flight(*STATE, forces(branch), layout.ORDER, math.sqrt)
@@ -90,7 +91,8 @@ def test_lanes_are_the_series_bit_for_bit() -> None:
 def test_an_idle_lane_leaves_the_first_alone() -> None:
     scratch, state = np.full((lanes.ROWS, lanes.WIDTH), np.nan), np.zeros((2, layout.SERIES_WIDTH))
     load(scratch, 0, "new")
-    expanded(scratch, state, 0, 0, 0, 0)
+    scratch[lanes.PLACE] = 0
+    expanded(scratch, state)
     assert np.isfinite(state[0]).all()
     t, powers = 0.013, 0.013 ** np.arange(layout.ORDER + 1)
     motion, work = evaluated(state, 0, t)
@@ -102,7 +104,8 @@ def test_the_step_keeps_what_is_left_out_below_what_is_allowed() -> None:
     """The last term of the series, at its step, is what was allowed but for the 6 % of a root that is no better."""
     scratch, state = np.zeros((lanes.ROWS, lanes.WIDTH)), np.zeros((1, layout.SERIES_WIDTH))
     load(scratch, 0, "new")
-    expanded(scratch, state, 0, 0, 0, 0)
+    scratch[lanes.PLACE] = 0
+    expanded(scratch, state)
     step = scratch[lanes.STEP, 0]
     last = np.abs(state[0, : 4 * (layout.ORDER + 1)].reshape(-1, 4)[-1, :2]).max() * step**layout.ORDER
     assert 0.005 < step < 0.04
