@@ -13,9 +13,9 @@ MOST_STEPS = 1e9
 _STEP_SECONDS = 1e-6
 
 
-def steps_needed(cradle: Cradle, duration: float, step_factor: float = 1.0) -> float:
+def steps_needed(cradle: Cradle, duration: float) -> float:
     """Steps of single bobs that a run of this duration [s] takes at least, without its impacts."""
-    return steps_of(records(cradle, step_factor)[0], cradle, duration)
+    return steps_of(records(cradle)[0], cradle, duration)
 
 
 def steps_of(c: np.ndarray, cradle: Cradle, duration: float) -> float:

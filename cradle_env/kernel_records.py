@@ -13,9 +13,11 @@ from cradle_env.mechanics.forces import FRICTION_SMOOTHING
 # Integration step as a fraction of 1/ω of the faster motion: 1e-10 rad over 10 s on elastic strings, see
 # tests/integration/test_accuracy.py; on rigid ones it is the interpolation of the samples that sets it.
 _RADIAL_STEP, _ANGULAR_STEP = 0.45, 0.2
-# What a segment on a Taylor series may leave out of the motion, in lengths of the strings: 1e-12 s of the first 18
-# impacts, 4e-11 rad over 60 s.
-_TOLERANCE = 1e-14
+#: What one segment of flight may leave out of the motion, in lengths of the strings: 1e-12 s of the first 18 impacts of
+#: two bobs, 4e-11 rad over 60 s.
+TOLERANCE = 1e-14
+# Steps are of order 8: they grow as this power of the tolerance, from what they are at the one above, up to a limit.
+_STEP_POWER, _LONGEST_STEP = 1.0 / 8.0, 4.0
 # Dry friction changes sign within a hundredth of a period.
 _FRICTION_STEP = 0.05
 # Drag, friction or attraction that act faster than this many times ω of the swing are those of no cradle.
@@ -24,7 +26,7 @@ _STIFFEST = 1e4
 _CONTACT_STEP = 1.0 / 16.0
 
 
-def records(cradle: Cradle, step_factor: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
+def records(cradle: Cradle, tolerance: float = TOLERANCE) -> tuple[np.ndarray, np.ndarray]:
     """The records of a cradle that the kernels read: (1,) of CRADLE and (N,) of BOB."""
     c, bobs = np.zeros(1, p.CRADLE), np.zeros(cradle.bobs, p.BOB)
     c["gravity"], c["radius"] = cradle.gravity, cradle.radius
@@ -64,7 +66,8 @@ def records(cradle: Cradle, step_factor: float = 1.0) -> tuple[np.ndarray, np.nd
     if c["elastic"][0]:
         bobs["longest"] = 2.0 / np.sqrt(springs * bobs["mobility"])
         beyond = bobs["c2"].any() or bobs["tau_c"].any() or bobs["creep"].any() or c["user_force"][0] != 0
-        c["series"], c["tolerance"] = not (c["coupled"][0] or beyond), _TOLERANCE * step_factor**8
+        c["series"], c["tolerance"] = not (c["coupled"][0] or beyond), tolerance
+    step_factor = min((tolerance / TOLERANCE) ** _STEP_POWER, _LONGEST_STEP)
     c["step"], c["contact_step"] = step * step_factor, _CONTACT_STEP * step_factor
     c["reach"] *= step_factor
     if (scale := c["contact_scale"][0]) > 0.0:

@@ -25,7 +25,7 @@ from cradle_env.synchronization import ENVELOPE_PERIODS, FLOOR, WINDOW
 EPISODE_ARRAYS = 8
 # Integration step over that of `simulate`: 1e-8 rad instead of 1e-10 over 10 s, 1e-5 where contacts are followed in
 # time.
-_STEP_FACTOR = 2.0
+_TOLERANCE = 2.5e-12
 # Samples of σ are taken at least so often [1/s]: a peak is missed by 3e-4 of it at most.
 _SAMPLE_RATE = 120.0
 # Impacts of one bob that are kept, at most so often [1/s]; of any interval at least, and at most, so many. More are
@@ -207,7 +207,7 @@ def _records(
     cradle: Cradle, settings: Settings, most: tuple[float, float, float]
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Records of a cradle and of its episode: (1,) of CRADLE, (N,) of BOB and (1,) of EPISODE; most: see `largest`."""
-    c, bobs = records(cradle, _STEP_FACTOR)
+    c, bobs = records(cradle, _TOLERANCE)
     check_cost(
         cradle,
         settings.control_interval,

@@ -24,6 +24,7 @@ import numpy as np
 from cradle_env import __version__
 from cradle_env.cradle import Cradle
 from cradle_env.errors import check_range
+from cradle_env.kernel_records import TOLERANCE
 from cradle_env.release import Release
 from cradle_env.simulation import simulate
 from identification.bench import environment, scipy_peer
@@ -35,8 +36,8 @@ _FILE, _FORMAT = "bench.json", "cradle-bench/1"
 _ANGLE, _RATE = 0.228, 60.0
 #: What is raced, and over how long accuracy is compared [s]: all of it for two bobs, else before rounding grows.
 _RACES = {2: np.inf, 5: 3.0}
-#: Our integration step as it is by default, and a shorter one.
-_STEPS = (1.0, 0.7)
+#: Our tolerance as it is by default, and a smaller one.
+_TOLERANCES = (TOLERANCE, 1e-15)
 _REPEATS = 5
 _FIRST_CALL = "import time; t = time.perf_counter(); import cradle_env as c; c.simulate(c.Cradle(), c.Release(angle=0.228)); print(time.perf_counter() - t)"  # noqa: E501
 _IMPORT = "import time; t = time.process_time(); import {}; print(time.process_time() - t)"
@@ -55,10 +56,10 @@ def race(bobs: int, duration: float, compared: float) -> list[dict[str, Any]]:
     whole = np.ones_like(early)
     seconds, theta = _time_best(lambda: peer(whole, rtol=1e-8))
     rows = [{"integrator": "SciPy DOP853, rtol 1e-8", "seconds": seconds, "error": _error(theta, reference, early)}]
-    for factor in _STEPS:
-        ours = lambda factor=factor: simulate(cradle, release, times=times, step_factor=factor).theta  # noqa: E731
+    for tolerance in _TOLERANCES:
+        ours = lambda tolerance=tolerance: simulate(cradle, release, times=times, tolerance=tolerance).theta  # noqa: E731
         found, theta = _time_best(ours)
-        name = "cradle_env" if factor == 1.0 else f"cradle_env, {factor:g} of its step"
+        name = "cradle_env" if tolerance == TOLERANCE else f"cradle_env, tolerance {tolerance:g}"
         rows.append({"integrator": name, "seconds": found, "error": _error(theta, reference, early)})
     return [{"bobs": bobs, "simulated": duration, **row, "ratio": seconds / row["seconds"]} for row in rows]
 

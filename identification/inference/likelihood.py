@@ -27,7 +27,7 @@ from identification.inference.unknowns import Unknown, model_unknowns, run_unkno
 LAMBDA_RATE = 240.0
 #: Integration steps of the inference are longer than those of `simulate`: 1e-7 rad over 10 s, 3e-6 with dry friction,
 #: 1e-5 where contacts are followed in time, a thousandth of what strings' creep does; below any noise.
-STEP_FACTOR = 2.2
+TOLERANCE = 5e-12
 _NONE = np.empty(0)
 
 
@@ -143,7 +143,7 @@ class Likelihood:
         cradle = self.cradle(values, self.experiment.runs[index])
         beginning, zero = self.initial_condition(values, index)
         true = np.maximum((times - zero) / self.instrument(cradle, index).clock, 0.0)
-        return simulate(cradle, beginning, times=true, ledger=False, step_factor=STEP_FACTOR)
+        return simulate(cradle, beginning, times=true, ledger=False, tolerance=TOLERANCE)
 
     def instrument(self, cradle: Cradle, index: int) -> Instrument:
         """What turned the motion of the cradle into the readings of run `index`."""
@@ -167,7 +167,7 @@ class Likelihood:
         order = np.argsort(together, kind="stable")
         back = np.empty_like(order)
         back[order] = np.arange(len(order))
-        motion = simulate(cradle, beginning, times=together[order], ledger=False, step_factor=STEP_FACTOR)
+        motion = simulate(cradle, beginning, times=together[order], ledger=False, tolerance=TOLERANCE)
         theta, r = motion.theta[back], motion.r[back]
         rest = np.array([values.get(f"rest[{i}]@{index + 1}", 0.0) for i in range(1, cradle.bobs + 1)])
         still = equilibrium(cradle) if instrument.quantity == "x" else None

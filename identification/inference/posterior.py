@@ -20,7 +20,7 @@ from identification.experiment.train_test import training_rows
 from identification.inference import posterior_display, posterior_plots
 from identification.inference.arviz_data import inference_data
 from identification.inference.gap import MISFIT_GAP
-from identification.inference.likelihood import STEP_FACTOR, shift_release_angle
+from identification.inference.likelihood import TOLERANCE, shift_release_angle
 from identification.inference.posterior_file import read_posterior, write_posterior
 from identification.inference.prediction import Prediction, release_for_bobs
 from identification.inference.samples import FORMAT, Samples
@@ -157,7 +157,7 @@ class Posterior(Samples):
             releases.append(shift_release_angle(release, error))
         release.check_synchronizes(cradles[0])
         runs = simulate_batch(
-            cradles, releases, duration, sample_rate, step_factor=STEP_FACTOR, workers=self.likelihood.workers
+            cradles, releases, duration, sample_rate, tolerance=TOLERANCE, workers=self.likelihood.workers
         )
         inferred = "delta" in self.likelihood.names and delta is None
         return Prediction(

@@ -10,7 +10,7 @@ from scipy.special import ellipk
 from cradle_env import Cradle, Release, simulate
 from cradle_env.mechanics import tableau
 from identification.bench import scipy_peer
-from identification.inference.likelihood import STEP_FACTOR
+from identification.inference.likelihood import TOLERANCE
 
 ELASTIC = {"-string_hysteresis": {}}
 CONSTANT = {"-velocity_dependent_restitution": {}}
@@ -65,7 +65,7 @@ def test_longer_steps_of_fits(strings: str) -> None:
     """Fits take longer steps, which may cost 2e-4 of the least noise known of, 1 mrad. 6e-8 and
     1.3e-7 were measured, 3e-7 and 7e-7 with steps a quarter longer."""
     times, theta, *_ = peer(strings)
-    run = simulate(two_bobs(strings), RELEASE, times=times, ledger=False, step_factor=STEP_FACTOR)
+    run = simulate(two_bobs(strings), RELEASE, times=times, ledger=False, tolerance=TOLERANCE)
     np.testing.assert_allclose(run.theta, theta, rtol=0, atol=2e-7)
 
 
@@ -75,29 +75,29 @@ def test_forces_at_short_range_are_resolved(effect: str, reach: float) -> None:
     """Steps shorten where bobs come near: 5e-8 rad. Steps of 20 ms pass over a range of 0.3 mm: 1e-3 rad."""
     values = {"force": 1e-3} if effect == "bob_attraction" else {"slope": 0.5}
     cradle = Cradle(bobs=3, delta=0.005, effects={effect: {**values, "range": reach}})
-    fits, fine = (simulate(cradle, RELEASE, 8.0, 60.0, ledger=False, step_factor=f).theta for f in (STEP_FACTOR, 0.25))
+    fits, fine = (simulate(cradle, RELEASE, 8.0, 60.0, ledger=False, tolerance=t).theta for t in (TOLERANCE, 1e-19))
     np.testing.assert_allclose(fits, fine, rtol=0, atol=3e-7)
 
 
 @STRINGS
 @pytest.mark.parametrize("impact", [1, 5])
 def test_errors_keep_in_step_with_the_tolerance(strings: str, impact: int) -> None:
-    """Of series, whose tolerance grows as the 8th power of the factor: 1e-14 m allowed at each of some hundred segments
-    makes up to 1e-12 s at 0.4 m/s."""
+    """Where bobs fly on series: 1e-14 lengths allowed on each of some hundred segments make up to 1e-12 s at 0.4 m/s;
+    1e-13 s was measured."""
     cradle = two_bobs(strings)
 
-    def instant(step_factor: float) -> float:
-        run = simulate(cradle, RELEASE, 3.0, ledger=False, step_factor=step_factor)
+    def instant(tolerance: float) -> float:
+        run = simulate(cradle, RELEASE, 3.0, ledger=False, tolerance=tolerance)
         return run.impacts["time"][impact - 1]
 
-    for factor in (0.7, 1.0, 1.5, 2.2):
-        assert abs(instant(factor) - instant(0.1)) < 2e-12 * factor**8
+    for tolerance in (1e-15, 1e-14, 1e-12, 1e-10):
+        assert abs(instant(tolerance) - instant(1e-22)) < 200.0 * tolerance
 
 
 @STRINGS
 def test_a_minute_of_two_bobs(strings: str) -> None:
     """Over 100 impacts and 2000 string reversals: 4e-11 rad was measured. A tolerance 100 times as large makes 2e-9."""
-    run, fine = (simulate(two_bobs(strings), RELEASE, 60.0, ledger=False, step_factor=f) for f in (1.0, 0.5))
+    run, fine = (simulate(two_bobs(strings), RELEASE, 60.0, ledger=False, tolerance=t) for t in (1e-14, 1e-16))
     np.testing.assert_allclose(run.theta, fine.theta, rtol=0, atol=3e-10)
 
 
@@ -110,7 +110,7 @@ def test_convergence_order_is_8(strings: str, impact: int) -> None:
     cradle = cradle.replace(effects={**cradle.effects, "quadratic_drag": {"c2": 1e-12}})  # as good as none
 
     def instant(step_factor: float) -> float:
-        run = simulate(cradle, RELEASE, 3.0, ledger=False, step_factor=step_factor)
+        run = simulate(cradle, RELEASE, 3.0, ledger=False, tolerance=1e-14 * step_factor**8)
         return run.impacts["time"][impact - 1]
 
     factors = 1.6 / 0.45 * 2.0 ** (-0.5 * np.arange(8))  # steps of 1.6 to 0.14 rad of the radial motion
@@ -217,6 +217,6 @@ def test_strings_stiffen_a_light_frame() -> None:
     spring."""
     light = {"frame_compliance": {"frame_mass": 1e-2, "frequency": 0.2, "damping_ratio": 0.0}}
     cradle, all_lifted = Cradle(bobs=5, delta=0.05, effects=light), Release(angle=0.2, bobs=5)
-    run, exact = (simulate(cradle, all_lifted, 0.25, step_factor=factor) for factor in (1.0, 0.05))
+    run, exact = (simulate(cradle, all_lifted, 0.25, tolerance=t) for t in (1e-14, 1e-24))
     # By the spring alone the step was as long as to miss this by 3.5e-4 rad.
     np.testing.assert_allclose(run.theta, exact.theta, rtol=0, atol=1e-7)

@@ -558,14 +558,14 @@ def test_the_race_is_fair(monkeypatch):
     ran = []
 
     def told(name, function):
-        return lambda *run, **how: ran.append((name, how.get("rtol"), how.get("step_factor"))) or function(*run, **how)
+        return lambda *run, **how: ran.append((name, how.get("rtol"), how.get("tolerance"))) or function(*run, **how)
 
     monkeypatch.setattr(bench, "simulate", told("ours", bench.simulate))
     monkeypatch.setattr(scipy_peer, "simulate", told("SciPy", scipy_peer.simulate))
     bench.race(2, 0.2, 0.2)
     reference, *timed = ran
     assert reference == ("SciPy", 1e-13, None)
-    assert [timed.count(("SciPy", 1e-8, None)), *(timed.count(("ours", None, f)) for f in (1.0, 0.7))] == [6, 6, 6]
+    assert [timed.count(("SciPy", 1e-8, None)), *(timed.count(("ours", None, t)) for t in (1e-14, 1e-15))] == [6, 6, 6]
     assert scipy_peer.restitution_curve.cache_info().currsize > 0
 
 

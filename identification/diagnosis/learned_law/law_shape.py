@@ -21,7 +21,7 @@ from cradle_env.simulation import simulate
 from identification.diagnosis.learned_law.law import LearnedLaw
 from identification.diagnosis.learned_law.terms import FREQUENCY
 from identification.inference.fit_result import FitResult
-from identification.inference.likelihood import STEP_FACTOR
+from identification.inference.likelihood import TOLERANCE
 
 #: Points of a curve.
 _POINTS = 121
@@ -64,7 +64,7 @@ class LawShape:
         run = fitted.experiment.runs[0]
         beginning, _ = likelihood.initial_condition(fitted.values, 0)
         times = np.arange(0.0, run.times[run.fitted][-1] - (0.0 if run.state == "release" else run.fit_from), 1 / 120)
-        self.motion = simulate(self.cradle, beginning, times=times, step_factor=STEP_FACTOR)
+        self.motion = simulate(self.cradle, beginning, times=times, tolerance=TOLERANCE)
 
     def _effect_values(self, name: str, key: str) -> Any:
         return self.cradle.effects[name][key]

@@ -166,8 +166,8 @@ def test_impossible_starts_are_refused(release: Release | InitialState, message:
         ({"times": np.array([-1.0, 2.0])}, "from 0 s on"),
         ({"times": np.array([0.0, np.nan])}, "finite"),
         ({"times": np.array([])}, "not empty"),
-        ({"step_factor": 0.0}, "step_factor is 0"),
-        ({"step_factor": 20.0}, "step_factor is 20; it must be at least 0.001 and at most 4"),
+        ({"tolerance": 0.0}, "tolerance is 0"),
+        ({"tolerance": 0.1}, "tolerance is 0.1; it must be at least 1e-24 and at most 1e-06"),
         ({"duration": 1e300, "sample_rate": 1e3}, "a run is held in memory"),
     ],
 )

@@ -230,7 +230,7 @@ def test_impacts_that_are_followed_in_time_depart_as_well(departure: dict) -> No
 )
 def test_ledger_closes(chosen: dict) -> None:
     """As in test_effects; a force between neighbours has a kink at touch, as bob_attraction there."""
-    total = simulate(Cradle(bobs=3, effects=chosen), RELEASE, 5.0, step_factor=0.25).energy().total
+    total = simulate(Cradle(bobs=3, effects=chosen), RELEASE, 5.0, tolerance=1e-19).energy().total
     np.testing.assert_allclose(total, total[0], rtol=0, atol=2e-7)
 
 
