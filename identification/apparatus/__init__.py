@@ -11,6 +11,8 @@ import importlib
 _PUBLIC = {
     "Measurement": "measurement",
     "Value": "measurement",
+    "Circuit": "contacts.circuit",
+    "measure_contacts": "contacts.measure",
     "measure_impacts": "impacts.measure",
     "measure_ringdown": "ringdown.measure",
     "measure_string": "string.measure",

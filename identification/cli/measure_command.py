@@ -103,7 +103,48 @@ def impacts(
     _run("impacts", out, lambda progress: measure_impacts(files, cradle, seed=seed, progress=progress))
 
 
-def _run(kind: str, out: Path, work: Callable[[Progress], Measurement]) -> None:
+@measure.command()
+def contacts(
+    files: Annotated[
+        list[Path],
+        typer.Argument(
+            metavar="FILE...", help="Traces: CSV (t [s],V [V]), .npy, .wav, or .raw with a header line of JSON."
+        ),
+    ],
+    out: Out,
+    bobs: Annotated[int, typer.Option(min=2, help="Number of bobs in the circuit.")],
+    supply: Annotated[float, typer.Option(help="V, of the source.")],
+    step: Annotated[float, typer.Option(help="Ω, the smallest resistor; the others are 2, 4, … times that.")] = 11.0,
+    shunt: Annotated[float, typer.Option(help="Ω, across the oscilloscope.")] = 22.0,
+    rate: Annotated[float | None, typer.Option(help="1/s, where a file does not state it.")] = None,
+    speed: Annotated[
+        list[float] | None,
+        typer.Option(
+            help="m/s, of the first impact of a trace: durations then give k_f. Once for each file, in order."
+        ),
+    ] = None,
+    speed_sd: Annotated[float | None, typer.Option(help="m/s, standard deviation of these speeds.")] = None,
+    source: From = None,
+    set_: Set = None,
+    seed: HiddenSeed = 0,
+    workers: NoWorkers = None,
+) -> None:
+    """Which bobs touch, when and how long, from oscilloscope traces of the contact resistance."""
+    from identification.apparatus.contacts.circuit import Circuit
+    from identification.apparatus.contacts.measure import TABLE, measure_contacts
+
+    cradle, circuit = _cradle(source, set_), Circuit.binary(bobs, supply, step, shunt)
+    _run(
+        "contacts",
+        out,
+        lambda progress: measure_contacts(
+            files, circuit, cradle, rate=rate, speeds=speed, speed_sd=speed_sd, progress=progress
+        ),
+        TABLE,
+    )
+
+
+def _run(kind: str, out: Path, work: Callable[[Progress], Measurement], *tables: str) -> None:
     """Measures and writes what was found, and shows it; holds the folder meanwhile."""
     from identification.apparatus.measurement_files import check_folder, save
     from identification.number_format import format_statistics, rounding_of, unit_plain
@@ -111,7 +152,7 @@ def _run(kind: str, out: Path, work: Callable[[Progress], Measurement]) -> None:
     from identification.storage.lock import lock_folder
 
     with lock_folder(out):
-        check_folder(out, kind)
+        check_folder(out, kind, tables)
         with TerminalProgress() as progress:
             measured = work(progress)
             progress("draw", None)

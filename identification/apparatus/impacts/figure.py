@@ -93,7 +93,5 @@ def _times(axes: Axes, measured: ImpactsMeasurement, ends: list[Cradle]) -> None
               label="without dissipation")  # fmt: skip
     for one, spread in zip(measured.durations, measured.chosen.spreads[len(measured.passed) :], strict=True):
         axes.errorbar(one.speed, 1e6 * one.duration, 1.96e6 * spread, 1.96 * np.nan_to_num(one.speed_sd), **_POINTS)
-    axes.set(
-        xscale="log", xlabel="impact velocity [m/s]", ylabel="contact duration [µs]", title="How long two bobs touch"
-    )
+    axes.set(xlabel="impact velocity [m/s]", ylabel="contact duration [µs]", title="How long two bobs touch")
     axes.legend(loc="best")

@@ -1,0 +1,1 @@
+"""Contact resistance: which bobs touch, when and for how long."""
