@@ -84,13 +84,14 @@ def early_case(name: str) -> Apparatus:
     return apparatus
 
 
-def nothing_hidden(folder: Path, name: str) -> tuple[FitResult, np.ndarray]:
-    """A case of the study's first rounds in which nothing is hidden, its model fitted to everything; and the truth,
-    (D,)."""
+def nothing_hidden(folder: Path, name: str, several_starts: bool = False) -> tuple[FitResult, np.ndarray]:
+    """A case of the study's first rounds in which nothing is hidden, its model fitted to everything, from one start or
+    from as many as a diagnosis takes; and the truth, (D,)."""
     apparatus = early_case(name)
     folder.mkdir(exist_ok=True)
     experiment = Experiment.load(apparatus.write(folder, apparatus.record([], True)))
     searcher = Searcher(FitCache(None, ""), 0, None)
-    found = searcher.fit_all_data(searcher.fit_global(with_known_noise(experiment)))
+    fitted = searcher.fit_global(with_known_noise(experiment))
+    found = searcher.fit_all_data(searcher.refit_multistart(fitted) if several_starts else fitted)
     truth = {**apparatus.truth, "release_angle_error@1": apparatus.angle - apparatus.lifted}
     return found, point_at(found.likelihood, truth)

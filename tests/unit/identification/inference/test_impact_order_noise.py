@@ -100,10 +100,12 @@ def test_unknown_noise_of_several_runs_widens_nothing(tmp_path):
 
 @pytest.fixture(scope="module")
 def jumpiest(tmp_path_factory):
-    """Of the study's cases with nothing hidden, that whose readings jump most: its fit, and the truth."""
-    return nothing_hidden(tmp_path_factory.mktemp("jumpiest"), "10-nothing-1")
+    """Of the study's cases with nothing hidden, that whose readings jump most: its fit, and the truth. From one start
+    a search may end in a worse mode."""
+    return nothing_hidden(tmp_path_factory.mktemp("jumpiest"), "10-nothing-1", several_starts=True)
 
 
+@pytest.mark.slow
 def test_jumps_widen_what_is_known(jumpiest):
     """Five bobs whose order of impacts hangs on nothing: χ² changes by some 50 where κ does by 1e-9 of itself, and fits
     end among the luckiest of such points, 16 sd of the smooth covariance from the true κ."""
@@ -115,6 +117,7 @@ def test_jumps_widen_what_is_known(jumpiest):
     assert np.all(off < 3.5 * deviations) and deviations[found.likelihood.names.index("kappa")] < 1e-3
 
 
+@pytest.mark.slow
 def test_what_else_a_model_leaves_makes_no_jump_larger(jumpiest):
     """Points ten times further from the mode meet other jumps, which are larger, but not in proportion: they widen κ
     four times as much, where they would ten times if they counted as noise does."""
