@@ -19,7 +19,7 @@ from gymnasium.vector import VectorEnv
 
 sys.path.insert(0, str(Path(__file__).resolve().parent))
 
-from tasks import HELD_OUT, SETTINGS, TASKS, baselines, draw_behaviour, line, make
+from tasks import HELD_OUT, SETTINGS, TASKS, baselines, best_fixed, draw_behaviour, line, make
 
 #: Moves made before planning again, rounds of the search, and how many of the best courses it goes on from.
 MADE, ROUNDS, BEST = 2, 3, 8
@@ -53,13 +53,16 @@ def planned(course: np.ndarray, state: Any, imagined: VectorEnv, rng: np.random.
     return best
 
 
-def play_planned(task: str, episode: int, candidates: int, moves: int, seed: int) -> dict[str, np.ndarray]:
-    """One of the held-out episodes under the planner, as `tasks.play` gives it."""
+def play_planned(
+    task: str, fixed: float, episode: int, candidates: int, moves: int, seed: int
+) -> dict[str, np.ndarray]:
+    """One of the held-out episodes under the planner, as `tasks.play` gives it. Where nothing is planned yet, the
+    spacer is to stay at the best fixed action, `fixed`."""
     cradle, imagined = make(task, 1), make(task, candidates)
     rng = np.random.default_rng((seed, episode))
     cradle.reset(seed=HELD_OUT + episode)
     imagined.reset(seed=0)
-    course, gained, rows, over = np.zeros(moves), 0.0, [], False
+    course, gained, rows, over = np.full(moves, fixed), 0.0, [], False
     while not over:
         course = planned(course, cradle.get_state(), imagined, rng)  # type: ignore[attr-defined]
         for action in course[:MADE]:
@@ -68,7 +71,7 @@ def play_planned(task: str, episode: int, candidates: int, moves: int, seed: int
             rows.append(info["final_obs"][0] if over else observations[0])
             if over:
                 break
-        course = np.concatenate([course[MADE:], np.zeros(MADE)])
+        course = np.concatenate([course[MADE:], np.full(MADE, fixed)])
     cradle.close()
     imagined.close()
     delta, sigma, times = np.array(rows)[:, -3:].T
@@ -92,7 +95,10 @@ def main() -> None:
     others = baselines(options.task, options.episodes)
     moves = max(round(options.horizon / SETTINGS["control_interval"]), MADE)
     began = time.monotonic()
-    runs = [play_planned(options.task, k, options.candidates, moves, options.seed) for k in range(options.episodes)]
+    fixed = best_fixed(options.task)
+    runs = [
+        play_planned(options.task, fixed, k, options.candidates, moves, options.seed) for k in range(options.episodes)
+    ]
     took = time.monotonic() - began
     planner = {**runs[0], **{key: np.concatenate([run[key] for run in runs]) for key in ("returns", "lengths")}}
     print(f"{options.task}, {options.episodes} episodes, mean ± standard error")

@@ -18,7 +18,7 @@ import numpy as np
 from cradle_env.envs.registration import ENVIRONMENTS
 
 #: The registered environment whose settings both tasks have.
-ENVIRONMENT = "NewtonCradle5-v0"
+ENVIRONMENT = "NewtonCradleMedium-v0"
 BOBS = 5
 SETTINGS = ENVIRONMENTS[ENVIRONMENT]["kwargs"]
 TASKS = ("sustain", "synchronize")
@@ -27,7 +27,7 @@ HELD_OUT, OTHERS = 1_000_000, 2_000_000
 #: Colours of Okabe & Ito.
 BLUE, SKY, GREEN, ORANGE, VERMILLION, GREY = "#0072B2", "#56B4E9", "#009E73", "#E69F00", "#D55E00", "#777777"
 #: Weights (1, θ_N − θ_1 [rad], ω_N − ω_1 [rad/s]) of the hand-made controllers: found by trial, kept simple.
-HAND_MADE = {"sustain": (1.3, -8.0, -0.25), "synchronize": (1.0, 1.2, -1.8)}
+HAND_MADE = {"sustain": (1.3, -8.0, -0.25), "synchronize": (0.1, 12.0, -0.2)}
 
 Policy = Callable[[np.ndarray], np.ndarray]
 

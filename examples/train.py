@@ -26,6 +26,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parent))
 
 from tasks import (
     BLUE,
+    ENVIRONMENT,
     GREY,
     OTHERS,
     SKY,
@@ -73,7 +74,7 @@ def train(algorithm: str, task: str, steps: int, seed: int, episodes: int) -> tu
     """The trained agent, and its learning curve: rows of steps, return, standard error."""
     kind, _, numbers = ALGORITHMS[algorithm]
     # Angles, speeds and δ differ by orders of magnitude, and a step's reward is 1/600 at most: both are scaled.
-    cradles = VecNormalize(CradleVecEnv("NewtonCradle5-v0", CRADLES, reward=task))
+    cradles = VecNormalize(CradleVecEnv(ENVIRONMENT, CRADLES, reward=task))
     numbers = {"learning_rate": lambda left: 1e-3 * left, "policy_kwargs": {"net_arch": [64, 64]}, **numbers}
     model = kind("MlpPolicy", cradles, seed=seed, device="cpu", **numbers)
     progress = Progress(task, max(steps // 20, 2048), episodes)

