@@ -527,8 +527,8 @@ def test_prediction_follows_its_seed(calibrated):
 KILLED = """
 import os, signal, sys
 from pathlib import Path
-from identification.storage.files import replacing
-with replacing(Path(sys.argv[1])) as temporary:
+from identification.storage.files import atomic_replacement
+with atomic_replacement(Path(sys.argv[1])) as temporary:
     temporary.write_text("half of")
     os.kill(os.getpid(), signal.SIGKILL)
 """

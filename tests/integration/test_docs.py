@@ -20,7 +20,7 @@ SCHEMAS = sorted((ROOT / "identification" / "storage" / "schemas").glob("*.schem
 
 
 @pytest.fixture(scope="module")
-def reading_slices() -> dict:
+def parts() -> dict:
     """The generated parts of pages, by name, as text."""
     made = runpy.run_path(str(DOCS / "_ext" / "generated_parts.py"))
     return {name: make() for name, make in made["PARTS"].items()}

@@ -236,8 +236,8 @@ def test_the_lock_of_a_dead_process_is_taken_over(tmp_path):
 import os, sys
 sys.path[:0] = [{str(ROOT)!r}]
 from pathlib import Path
-from identification.storage.lock import working_in
-with working_in(Path({str(tmp_path / "out")!r})):
+from identification.storage.lock import lock_folder
+with lock_folder(Path({str(tmp_path / "out")!r})):
     os._exit(9)
 """
     assert subprocess.run([sys.executable, "-c", program]).returncode == 9
@@ -253,7 +253,7 @@ def test_killed_between_the_last_renames_it_goes_on(tmp_path, renames):
 import os, sys
 sys.path[:0] = [{str(ROOT)!r}]
 from pathlib import Path
-from identification.storage.stamps import write_listed
+from identification.storage.stamps import write_results
 left = {renames}
 def counted(rename):
     def renamed(*arguments):
@@ -264,7 +264,7 @@ def counted(rename):
         return rename(*arguments)
     return renamed
 Path.replace, os.replace = counted(Path.replace), counted(os.replace)
-write_listed(Path({str(tmp_path)!r}), dict.fromkeys("abc", "new"), "stamp.json", {{"format": "f/1"}})
+write_results(Path({str(tmp_path)!r}), dict.fromkeys("abc", "new"), "stamp.json", {{"format": "f/1"}})
 """
     assert subprocess.run([sys.executable, "-c", program]).returncode == 9
     check_replaceable(tmp_path, [*"abc", "stamp.json"], "stamp.json", "f/1")

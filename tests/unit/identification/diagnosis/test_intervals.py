@@ -86,7 +86,7 @@ def test_where_the_posterior_is_normal_a_profile_says_what_laplace_does(tmp_path
     path = write_experiment(tmp_path, [recording], stated={"kappa": 190.0, "k_f": 18000.0, "b": 0.002})
     fitted = Searcher(FitCache(None, ""), 0, None).fit_from_values(with_known_noise(Experiment.load(path)), {})
     by_profile = compute_intervals(fitted)
-    with mock.patch.object(module, "SEVERAL", 0):
+    with mock.patch.object(module, "MIN_BOBS_WITH_IMPACT_ORDER", 0):
         by_laplace = compute_intervals(fitted)
     assert {name for name in by_profile if by_profile[name].ci95 != by_laplace[name].ci95} == {"k_f", "kappa", "b"}
     for name in ("k_f", "kappa", "b"):
