@@ -81,7 +81,9 @@ def test_readings_too_sparse_for_a_map_are_diagnosed_all_the_same(tmp_path, caps
     path = write_experiment(tmp_path, [filmed(bobs=1, rate=10.0, duration=24.0)], stated=STATED)
     assert main(["diagnose", str(path), "--out", str(tmp_path / "out"), "--workers", "1"]) == 0
     assert "nothing_missing" in capsys.readouterr().out
-    assert "too few readings per swing for tests by window" in (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
+    assert "too few readings per swing for tests by window" in (tmp_path / "out" / "report.html").read_text(
+        encoding="utf-8"
+    )
 
 
 def test_a_bob_that_is_seen_once_shows_no_frequency(tmp_path, good):

@@ -601,6 +601,6 @@ def test_a_law_that_cannot_be_simulated_ends_its_fit(monkeypatch):
     """Where no neighbour in κ can be either, the ladder once went round for ever."""
     searching = "identification.inference.mode_search"
     monkeypatch.setattr(f"{searching}.best_kappa_neighbours", lambda *_: [np.zeros(1)] * 3)
-    monkeypatch.setattr(f"{searching}.refined_from", lambda *_: iter([(np.zeros(1), math.inf)] * 3))
+    monkeypatch.setattr(f"{searching}.refine_each", lambda *_: iter([(np.zeros(1), math.inf)] * 3))
     point, least = search_kappa_modes(None, np.ones(1), math.inf)  # type: ignore[arg-type]
     assert (point == 1.0).all() and least == math.inf
