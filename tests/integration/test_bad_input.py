@@ -215,7 +215,7 @@ def test_what_a_model_lacks_is_no_slip(tmp_path, hidden):
 
 @pytest.mark.parametrize(
     "scale, rivals",
-    [(1e-3, ("added_mass", "angle_scale", "contact_duration", "quadratic_drag")),
+    [pytest.param(1e-3, ("added_mass", "angle_scale", "contact_duration", "quadratic_drag"), marks=pytest.mark.slow),
      *(pytest.param(scale, None, marks=pytest.mark.slow) for scale in (1e-3, -1e-3))],
 )  # fmt: skip
 def test_a_clock_a_thousandth_off(tmp_path, scale, rivals, monkeypatch):

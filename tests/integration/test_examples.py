@@ -90,6 +90,7 @@ def test_agents_learn(algorithm, task, tmp_path, monkeypatch, capsys):
     assert f"{algorithm} learned for" in said
 
 
+@pytest.mark.slow
 def test_plans_are_better_than_fixed_settings(tmp_path, monkeypatch, capsys):
     arguments = ("--task", "sustain", "--candidates", "16", "--horizon", "1.5", "--episodes", "1")
     said, made = pictures_of("plan", monkeypatch, capsys, tmp_path, *arguments)

@@ -95,6 +95,7 @@ def test_few_steps_after_an_adaptation_are_too_few_to_tell(tmp_path, steps):
     assert chains(tmp_path, steps + 1)[0].steps == steps + 1
 
 
+@pytest.mark.slow
 def test_where_a_chain_ends_does_not_hang_on_how_fast_the_machine_is(tmp_path, monkeypatch):
     ends = []
     for seconds in (1e-6, 0.02, 100.0):
