@@ -154,7 +154,7 @@ def chi2_log_tail(statistic: np.ndarray | float, degrees: int) -> np.ndarray:
 
 
 def scan_residuals(fitted: FitResult, replicates: np.ndarray) -> ResidualScan:
-    """Runs all tests on a fit and on its replicates (R + P, M), see `Fitted.replicates`."""
+    """Runs all tests on a fit and on its replicates (R + P, M), see `FitResult.replicates`."""
     windows = start_state_windows(fitted)
     tests = list_residual_tests(fitted, windows)
     statistics = np.array([float(test.neg_log10_p(fitted.residuals)) for test in tests])

@@ -81,7 +81,7 @@ class ScoreTest:
 
 
 def score(fitted: FitResult, replicates: np.ndarray) -> ScoreTest:
-    """Scores every candidate; replicates: (R + P, M), see `Fitted.replicates`."""
+    """Scores every candidate; replicates: (R + P, M), see `FitResult.replicates`."""
     found = []
     several = list_candidates(fitted.cradle)
     all_sensed = in_threads(lambda candidate: compute_sensitivities(fitted, candidate), several, 1)
