@@ -2,11 +2,11 @@
 
 1. Two linear models show what each term would do to the residuals: one of windows with start states of their own
    (multiple shooting), one of the free run. The first shows where a force acts; the second sees more where the misfit
-   is small.
+   is small. Where the model is misspecified, the second is asked only if the first finds no law.
 2. Each proposes the best subset of terms of each size, chosen by evidence, and smaller subsets.
 3. Drafts with these terms compete by what they predict within the training part (see `drafts`).
 4. Periodic forces join in the same way.
-5. The residuals of the law are searched for further terms.
+5. The residuals of the law's free run are searched for further terms, unless it is misspecified and has windows.
 
 Held-out data play no part.
 """
@@ -15,10 +15,9 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Iterator
 
 from identification.diagnosis.criteria import MISSPECIFIED_GAP, only_noise
-from identification.diagnosis.learned_law.drafts import Draft, complete_best, draft_extensions
+from identification.diagnosis.learned_law.drafts import complete_best, draft_extensions
 from identification.diagnosis.learned_law.free_run import fit_free_run, is_in_step
 from identification.diagnosis.learned_law.law import LearnedLaw, law_scales
 from identification.diagnosis.learned_law.periodic_force import add_periodic_terms
@@ -56,14 +55,12 @@ def learn_law(
     none = LearnedLaw(fitted, fitted, (), scales, inner_gap, inner_gap)
     most = math.inf if rival is None else _MAX_GAP_OVER_RIVAL * validate_inner(rival, searcher)[1]
     free = _linearize_free_run(none) if shooting is None or is_in_step(fitted) else []
-
-    def drafts_of(views: list[LinearModel]) -> list[Iterator[Draft]]:
-        return [draft_extensions(none, searcher, part, scales, view, candidate_subsets(view), most) for view in views]
-
+    views = free if shooting is None else [shooting, *free]
+    drafts = [draft_extensions(none, searcher, part, scales, view, candidate_subsets(view), most) for view in views]
     # The residuals of a misspecified model's free run hold the accumulated effect of all forces so far. Terms chosen to
     # fit them can predict the next third well and fail later, so the free run is asked only where windows find no law.
-    second = free if shooting is not None and fitted.training_gap() > MISSPECIFIED_GAP else []
-    drafts = drafts_of(([] if shooting is None else [shooting]) + ([] if second else free))
+    windows_first = shooting is not None and fitted.training_gap() > MISSPECIFIED_GAP
+    drafts, later = (drafts[:1], drafts[1:]) if windows_first else (drafts, [])
     progress("law", 0.6, "periodic forces")
     if shooting is not None and (timed := add_periodic_terms(shooting, scales, best_subset(shooting))) is not None:
         linear, scales_in_time = timed
@@ -75,13 +72,13 @@ def learn_law(
             most = min(most, noise_gap_bound(part.runs, training_rows(part)[1]))
             for some in ([periodic], subsets):
                 drafts.append(draft_extensions(none, searcher, part, scales_in_time, linear, some, most))
-    law = complete_best(none, searcher, part, drafts) or complete_best(none, searcher, part, drafts_of(second))
+    law = complete_best(none, searcher, part, drafts) or complete_best(none, searcher, part, later)
     if law is None:
         return None
     for i in range(_ROUNDS):
         if only_noise(law.fitted, searcher.criteria):  # further terms would fit noise, and predict worse
             break
-        if shooting is not None and law.fitted.training_gap() > MISSPECIFIED_GAP:  # as above
+        if shooting is not None and law.fitted.training_gap() > MISSPECIFIED_GAP:  # not from its free run
             break
         progress("law", 0.8 + 0.05 * i, "further terms")
         proposals = ((view, best_subset(view)) for view in _linearize_free_run(law))

@@ -513,8 +513,8 @@ def test_the_inner_split_never_sees_what_is_held_out(rubbed):
 
 def test_the_real_pendulum():
     """Its friction is no textbook law: linear damping leaves 57 mrad on the last third, linear, quadratic and dry
-    together 25. The law leaves 3.7 at the inference's tolerance, 3.7 to 4.4 at 2 and 1/50 of it. Where terms came from
-    the residuals of the free run too, 54 was left at eight of nine tolerances."""
+    together 25. The law leaves 3.7 at the tolerance of the inference, 4.4 at twice and 3.7 at a fiftieth of it. When
+    the free run proposed terms too, it left 54 to 61 at eight of nine tolerances."""
     if not DATA.is_dir():
         pytest.skip(f"no data in {DATA}")
     experiment = with_known_noise(Experiment.load(DATA / "real-pendulum" / "experiment.toml"))
