@@ -172,9 +172,9 @@ def table() -> Iterator[str]:
     """Lines of results.md."""
     yield "# How often the intervals of measurements hold the truth"
     yield ""
-    yield "`python -m studies.apparatus`. The independent simulators in `tests/reference` make the data, with truths drawn"
-    yield "at random. The number of correct 95 % intervals that hold the truth lies in the range of the fifth column in 99"
-    yield "of 100 studies. A number below this range means that the intervals are too narrow."
+    yield "`python -m studies.apparatus`. The independent simulators in `tests/reference` make the data, with truths"
+    yield "drawn at random. The number of correct 95 % intervals that hold the truth lies in the range of the fifth"
+    yield "column in 99 of 100 studies. A number below this range means that the intervals are too narrow."
     for kind, measure in KINDS.items():
         path = _HERE / f"{kind}.json"
         if not path.exists():
