@@ -1,23 +1,21 @@
-"""The command `cradle`: what it understands, and how it ends.
+"""The command `cradle`: its commands with their options.
 
-Exit status: 0, done; 2, unusable input, with one line on stderr; 130, interrupted; 1, anything else. What a command
-needs is imported when it runs, so that help and refusals come at once.
+A command imports what it needs when it runs, so that help texts and refusals come at once.
 """
 
 from __future__ import annotations
 
-import errno
-import os
 import sys
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from io import TextIOWrapper
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
+from identification.cli.exit_status import nothing_kept, report_what_is_kept, resumable, run_to_exit_status
 from identification.cli.measure_command import measure
+from identification.cli.new_command import new
 from identification.cli.options import (
     KF,
     Angle,
@@ -27,21 +25,23 @@ from identification.cli.options import (
     Delta,
     Duration,
     Effects,
+    Explore,
     Kappa,
     Lifted,
     Model,
     NoWorkers,
     Out,
+    Over,
+    Quantities,
     SampleRate,
     Seed,
     Settings,
     Source,
     Start,
+    Table,
+    Times,
     Workers,
 )
-
-_USAGE_ERROR: Any = typer.BadParameter.__mro__[1]  # click's, or typer's own copy of it
-_UNUSABLE = (ValueError, FileNotFoundError, FileExistsError, PermissionError, IsADirectoryError, NotADirectoryError)
 
 app = typer.Typer(
     add_completion=False,
@@ -51,39 +51,6 @@ app = typer.Typer(
 
 
 app.add_typer(measure, name="measure")
-
-
-class _InterruptedError(Exception):
-    """Ctrl-C; the message says what is kept and how to go on."""
-
-
-class _FullDiskError(Exception):
-    """No room for a file; the message says what is kept and how to go on."""
-
-
-#: No space left, a quota used up, a file larger than it may be.
-_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
-
-
-@contextmanager
-def _say_what_is_kept(out: Path | None, what: Callable[[], str]) -> Iterator[None]:
-    """Where a command that writes to `out` is stopped: says what is kept."""
-    try:
-        yield
-    except KeyboardInterrupt:
-        raise _InterruptedError(f"interrupted; {what()}") from None
-    except OSError as problem:
-        if problem.errno not in _FULL:
-            raise
-        raise _FullDiskError(f"no space left in {out}; {what()}") from None
-
-
-def _nothing_kept() -> str:
-    return "nothing was written that was not finished"
-
-
-def _same_command(what: str) -> Callable[[], str]:
-    return lambda: f"{what}, and the same command goes on from there"
 
 
 def _show_version(wanted: bool) -> None:
@@ -101,55 +68,7 @@ def _program(
     pass
 
 
-@app.command()
-def new(
-    data: Annotated[Path, typer.Argument(metavar="DATA", help="A table with a header, or an export of Tracker.")],
-    out: Annotated[
-        Path | None,
-        typer.Option("--out", metavar="DIR", help="A folder, or a file that ends in .toml; that of the data where"
-                     " omitted."),
-    ] = None,
-    time: Annotated[
-        str | None, typer.Option("--time", metavar="COLUMN", help="The column of time, where its name does not say so.")
-    ] = None,
-    bob: Annotated[
-        list[str] | None,
-        typer.Option("--bob", metavar="N=COLUMN", help="The column of a bob; no others are read. Repeat."),
-    ] = None,
-    unit: Annotated[
-        list[str] | None,
-        typer.Option("--unit", metavar="UNIT", help="s, ms, us; rad, mrad, deg; m, cm, mm, um; or as \"0.44 mm\", the"
-                     " size of a pixel. Once for the times, once for the readings."),
-    ] = None,
-    rate: Annotated[
-        float | None, typer.Option("--rate", help="Frames per second, where a column counts frames and none is time.")
-    ] = None,
-    mirror: Annotated[
-        bool, typer.Option("--mirror", help="Turn all signs: positive must be towards the last bob.")
-    ] = False,
-    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace files that this command wrote.")] = False,
-    seed: Annotated[int, typer.Option("--seed", hidden=True)] = 0,
-    workers: NoWorkers = None,
-) -> None:  # fmt: skip
-    """Write a first experiment.toml for a data file, with guesses from the data to check and correct.
-
-    Prints what it understood. Where the table is not in the strict form of an experiment, a copy in that form goes
-    beside experiment.toml; the file itself stays as it is.
-    """
-    from identification.experiment.scaffold import scaffold
-    from identification.experiment.table_columns import Columns
-
-    columns = Columns(time, dict(_parse_bob_column(text) for text in bob or ()), tuple(unit or ()), rate)
-    path = scaffold(data, out, overwrite=overwrite, columns=columns, mirror=mirror, report=typer.echo)
-    typer.echo(f"{path}: check each entry against your cradle, then: cradle calibrate {path} --out DIR")
-
-
-def _parse_bob_column(text: str) -> tuple[int, str]:
-    """(1, "Angle 1") of "1=Angle 1"."""
-    number, equals, name = text.partition("=")
-    if not (equals and name and number.isdecimal() and number.isascii()):
-        raise ValueError(f'--bob {text}: expected N=COLUMN, as --bob 1="Angle 1 (deg)"')
-    return int(number), name
+app.command()(new)
 
 
 @app.command()
@@ -182,17 +101,17 @@ def simulate(
     workers: NoWorkers = None,
 ) -> None:  # fmt: skip
     """Simulate one run: trajectory.csv, impacts.csv, summary.json and run.png."""
-    from identification.cli import commands
+    from identification.cli import commands, cradle_options
 
     if experiment:
         noise = 1e-3 if noise is None else noise
     elif noise is not None:
         raise ValueError(f"noise is {noise:g} rad, but only an experiment has readings; add --experiment, or omit it")
     fields = {"bobs": bobs, "model": model, "beta": beta, "kappa": kappa, "k_f": k_f, "b": b}
-    cradle, release = commands.parse_cradle_options(
+    cradle, release = cradle_options.parse_cradle_options(
         source, fields, delta, effect or [], set_ or [], angle=release_angle, lifted=lifted, start=start
     )
-    with _say_what_is_kept(out, _nothing_kept):
+    with report_what_is_kept(out, nothing_kept):
         commands.simulate(cradle, release, duration, sample_rate, out, noise, seed)
 
 
@@ -217,7 +136,7 @@ def calibrate(
         file = out / "chain.h5"
         return f"{count_kept_steps(file) or 'no'} steps are kept in {file}; the same command goes on"
 
-    with _say_what_is_kept(out, sampled):
+    with report_what_is_kept(out, sampled):
         return commands.calibrate(experiment, out, steps, max_steps, seed, workers)
 
 
@@ -235,7 +154,7 @@ def predict(
     """Predict σ(t) and λ of any cradle from a calibration: prediction.json, prediction.csv and prediction.png."""
     from identification.cli import commands
 
-    with _say_what_is_kept(out, _nothing_kept):
+    with report_what_is_kept(out, nothing_kept):
         commands.predict(calibration, out, delta, release_angle, bobs, draws, seed, workers)
 
 
@@ -252,7 +171,7 @@ def diagnose(
     """
     from identification.cli import commands
 
-    with _say_what_is_kept(out, _same_command(f"{out / 'fits.json'} holds the fits that were finished")):
+    with report_what_is_kept(out, resumable(f"{out / 'fits.json'} holds the fits that were finished")):
         commands.diagnose(experiment, out, seed, workers)
 
 
@@ -278,34 +197,18 @@ def reproduce(
     """
     from identification.cli import commands
 
-    with _say_what_is_kept(out, _same_command(f"{out} holds the figures that were finished")):
+    with report_what_is_kept(out, resumable(f"{out} holds the figures that were finished")):
         commands.reproduce(out, only or [], values, calibration, seed, workers)
 
 
 @app.command()
 def sweep(
     out: Out,
-    over: Annotated[
-        list[str] | None,
-        typer.Option(metavar="NAME=VALUES", help="An axis: FIRST:LAST:COUNT, with :log evenly in the logarithm, or"
-                     " numbers as 2,3,5. NAME: a number of Cradle, alpha, beta, gamma, delta,"
-                     " release_angle, lifted, or EFFECT.KEY. κ stays as it is unless beta is an axis. Repeat"
-                     " for a grid."),
-    ] = None,
-    quantity: Annotated[
-        list[str] | None,
-        typer.Option(help="lambda | synchronization_time | energy_share | overtaking_time |"
-                     " impacts | sigma. Repeat at will.",
-                     show_default="lambda"),
-    ] = None,
-    times: Annotated[
-        str | None, typer.Option(metavar="VALUES", help="s, of σ(t), like an axis.", show_default="every second")
-    ] = None,
-    table: Annotated[str, typer.Option(metavar="NAME", help="In DIR; ends in .csv, .parquet or .nc.")] = "sweep.csv",
-    explore: Annotated[
-        bool, typer.Option("--explore", help="Also write explore.html, a page with a slider for each axis and the"
-                           " cradle in motion. Without --over, for β and δ.")
-    ] = False,
+    over: Over = None,
+    quantity: Quantities = None,
+    times: Times = None,
+    table: Table = "sweep.csv",
+    explore: Explore = False,
     bobs: Bobs = None,
     delta: Delta = None,
     release_angle: Angle = None,
@@ -328,12 +231,12 @@ def sweep(
 
     The same command goes on where it was interrupted.
     """
-    from identification.cli import commands, sweep_command
+    from identification.cli import cradle_options, sweep_command
     from identification.sweep.explore import AXES
 
     axes = tuple(over or ())
     fields = {"bobs": bobs, "model": model, "beta": beta, "kappa": kappa, "k_f": k_f, "b": b}
-    cradle, release = commands.parse_cradle_options(
+    cradle, release = cradle_options.parse_cradle_options(
         source,
         fields,
         delta,
@@ -345,7 +248,7 @@ def sweep(
         over=axes or tuple(AXES if explore else ()),
     )
     asked = sweep_command.SweepRequest(axes, tuple(quantity or ("lambda",)), times, table, explore)
-    with _say_what_is_kept(out, _same_command(f"{out / 'runs.npy'} holds the runs that were finished")):
+    with report_what_is_kept(out, resumable(f"{out / 'runs.npy'} holds the runs that were finished")):
         sweep_command.run(cradle, release, asked, duration, sample_rate, out, seed, workers)
 
 
@@ -372,7 +275,7 @@ def design(
     """
     from identification.cli import commands
 
-    with _say_what_is_kept(out, _same_command(f"{out / 'fits.json'} holds the fits that were finished")):
+    with report_what_is_kept(out, resumable(f"{out / 'fits.json'} holds the fits that were finished")):
         commands.design(experiment, out, between or [], diagnosis, seed, workers)
 
 
@@ -386,7 +289,7 @@ def bench(
     """Measure speed and accuracy against SciPy on this machine, on one core, as ratios."""
     from identification.bench import run
 
-    with _say_what_is_kept(out, lambda: "nothing was written"):
+    with report_what_is_kept(out, lambda: "nothing was written"):
         run.main(duration, out)
 
 
@@ -402,50 +305,8 @@ def warmup(seed: Annotated[int, typer.Option("--seed", hidden=True)] = 0, worker
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Runs the command; its exit status."""
+    """Run the command line and return its exit status."""
     for stream in (sys.stdout, sys.stderr):  # λ and δ become ? where a terminal cannot show them
         if isinstance(stream, TextIOWrapper):
             stream.reconfigure(errors="replace")
-    try:
-        return int(app(args=arguments, prog_name="cradle", standalone_mode=False) or 0)
-    except _USAGE_ERROR as problem:
-        return _exit_status(2, _usage_message(problem))
-    except _InterruptedError as problem:
-        return _exit_status(130, str(problem))
-    except _FullDiskError as problem:
-        return _exit_status(1, str(problem))
-    except (KeyboardInterrupt, typer.Abort):
-        return _exit_status(130, "interrupted")
-    except BrokenPipeError:  # the reader of our output has gone
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return 1
-    except _UNUSABLE as problem:
-        return _exit_status(2, _one_line(problem))
-    except (OSError, MemoryError) as problem:
-        return _exit_status(1, _one_line(problem) or type(problem).__name__)
-    except RuntimeError as problem:
-        from cradle_env.simulation import SimulationError
-
-        if not isinstance(problem, SimulationError):
-            raise
-        return _exit_status(1, str(problem))
-
-
-def _usage_message(problem: Exception) -> str:
-    """A mistake on the command line in one line, with the nearest that is right."""
-    possible = getattr(problem, "possibilities", None)
-    message = problem.format_message()  # type: ignore[attr-defined]
-    if possible:
-        message = message.partition("(")[0].strip() + f"; did you mean {possible[0]}?"
-    return f"{message}{'' if message.endswith(('.', '?')) else '.'} See cradle --help."
-
-
-def _one_line(problem: BaseException) -> str:
-    if isinstance(problem, OSError) and problem.filename is not None:
-        return f"{problem.filename}: {problem.strerror}"
-    return str(problem)
-
-
-def _exit_status(status: int, message: str) -> int:
-    print("cradle:", " ".join(message.split()), file=sys.stderr)
-    return status
+    return run_to_exit_status(lambda: app(args=arguments, prog_name="cradle", standalone_mode=False))

@@ -13,10 +13,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cradle_env import simulation
-from cradle_env.cradle import STANDARD_BETA, Cradle
+from cradle_env.cradle import Cradle
 from cradle_env.effects import effect
-from cradle_env.errors import one_line, unknown_key
-from cradle_env.model_files import read_model
 from cradle_env.release import Release
 from identification.experiment.experiment import Experiment
 from identification.experiment.experiment_file import FILE_NAME
@@ -37,114 +35,9 @@ from identification.reporting.terminal import TerminalProgress, print_table
 from identification.reporting.verdicts import convergence_verdict, model_verdict
 from identification.storage.lock import locks_output
 from identification.storage.stamps import check_replaceable, check_report
-from identification.sweep.grid import EXCLUSIVE, release_for_bobs
 
 if TYPE_CHECKING:
     from identification.diagnosis.next_experiment.expected_information import Advice
-
-#: The release of the paper, where none is stated.
-_ANGLE = 0.228
-
-
-def parse_cradle_options(
-    source: Path | None,
-    fields: Mapping[str, Any],
-    delta: str | None,
-    effects: Sequence[str],
-    settings: Sequence[str],
-    *,
-    angle: float | None,
-    lifted: int | None,
-    start: str | None,
-    over: Sequence[str] = (),
-) -> tuple[Cradle, Release]:
-    """The cradle and the release that a command line describes; None: as in the source file, or the default. What the
-    source leaves open, and what is taken for it, is told on stderr. over: "name=values" of what is swept."""
-    swept = {text.partition("=")[0] for text in over}
-    cradle, release, unstated = Cradle(), Release(angle=_ANGLE), ()
-    if source is not None:
-        experiment = Experiment.load(source)
-        run = experiment.runs[0]
-        cradle, unstated = experiment.cradle_of(run), experiment.unknown_effect_parameters
-        if run.release is not None:
-            release = run.release.release
-        elif angle is None and not swept & {"release_angle", "gamma"}:
-            told = f"the first run of {source} states no release; {_ANGLE:g} rad is taken"
-            print(f"cradle: {told}; --release-angle states another", file=sys.stderr)
-    values = {name: value for name, value in fields.items() if value is not None}
-    if delta is not None:
-        gaps = tuple(_parse_number("delta", gap) for gap in delta.split(","))
-        values["delta"] = gaps[0] if len(gaps) == 1 else gaps
-    elif values.get("bobs", cradle.bobs) != cradle.bobs and isinstance(cradle.delta, tuple):
-        raise ValueError(f"{source} has one delta per gap; give --delta for {values['bobs']} bobs")
-    values |= dict(_parse_setting(text) for text in settings)
-    if str(values.get("model", "")).lower().endswith(".toml"):
-        values["model"], values["effects"] = read_model(Path(values["model"]))
-        unstated = ()
-    if effects:
-        values["effects"] = _with_effects(values.get("effects", cradle.effects), effects)
-    beta = values.pop("beta", None)
-    if beta is not None and "kappa" in values:
-        raise ValueError("both beta and kappa are given; beta sets kappa, so give one of them")
-    stated = {name for name, value in {**fields, "release_angle": angle}.items() if value is not None}
-    for one, other in (ends for pair in EXCLUSIVE for ends in (pair, pair[::-1])):
-        if one in stated and other in swept:
-            raise ValueError(f"{one} is given and {other} is swept, which set the same; leave one out")
-    if source is None and beta is None and "kappa" not in values:
-        beta = STANDARD_BETA  # of the masses and lengths that are set here
-    stated_of, cradle = cradle.bobs, cradle.replace(beta=beta, **values)
-    for name in unstated:
-        of, _, key = name.partition(".")
-        if cradle.has(of) and name not in swept and not any(text.startswith(f"{name}=") for text in effects):
-            unit = next(p.unit for p in effect(of).parameters if p.key == key)
-            told = f"{source} states no {name}; {cradle.effects[of][key]} {unit_plain(unit)}".rstrip() + " is taken"
-            print(f"cradle: {told}; --effect {name}=VALUE states another", file=sys.stderr)
-    if lifted is not None:
-        angle = release.lead(cradle)[1] if angle is None else angle
-        release = Release(angle=angle, bobs=lifted, start=release.start)
-    else:
-        release = release_for_bobs(release, stated_of, cradle.bobs)
-        release = release if angle is None else release.lifted_to(angle, cradle)
-    return cradle, release if start is None else dataclasses.replace(release, start=start)
-
-
-def _parse_number(name: str, text: str) -> float:
-    try:
-        return float(text)
-    except ValueError:
-        raise ValueError(f"{name} is {one_line(text)}, which is not a number") from None
-
-
-#: What of a cradle is said by other options than --set.
-_OWN_OPTION = ("bobs", "delta", "model", "beta", "kappa", "k_f", "b", "release_angle", "lifted", "start")
-
-
-def _parse_setting(text: str) -> tuple[str, Any]:
-    """("length", 0.25) of "length=0.25"."""
-    name, equals, value = text.partition("=")
-    if not equals:
-        raise ValueError(f"--set {text}: expected NAME=VALUE, as length=0.25")
-    if name in _OWN_OPTION:
-        raise ValueError(f"--set {text}: {name} has an option of its own; give --{name.replace('_', '-')} {value}")
-    known = [f.name for f in dataclasses.fields(Cradle) if f.name not in (*_OWN_OPTION, "effects", "power_law")]
-    if name not in known:
-        raise ValueError(f"--set {text}: {unknown_key('name', name, known)}")
-    return name, _parse_number(f"--set {name}", value)
-
-
-def _with_effects(known: Mapping[str, Mapping[str, Any]], texts: Sequence[str]) -> dict[str, dict[str, Any]]:
-    """The known effects with those of "name.key=value", "name" or "-name" added."""
-    effects = {name: dict(values) for name, values in known.items()}
-    for text in texts:
-        address, equals, value = text.partition("=")
-        name, dot, key = address.partition(".")
-        if bool(equals) != bool(dot):
-            raise ValueError(f"--effect {text}: expected NAME.KEY=VALUE, as quadratic_drag.c2=0.002, or -NAME")
-        entry = effects.setdefault(name, {})
-        if equals:
-            numbers = tuple(_parse_number(f"--effect {address}", part) for part in value.split(","))
-            entry[key] = numbers[0] if len(numbers) == 1 else numbers
-    return effects
 
 
 @locks_output

@@ -44,3 +44,34 @@ Source = Annotated[
 ]  # fmt: skip
 Duration = Annotated[float, typer.Option(help="s")]
 SampleRate = Annotated[float, typer.Option(help="1/s")]
+
+# What `cradle sweep` asks for.
+Over = Annotated[
+    list[str] | None,
+    typer.Option(
+        metavar="NAME=VALUES",
+        help="An axis: FIRST:LAST:COUNT, with :log evenly in the logarithm, or"
+        " numbers as 2,3,5. NAME: a number of Cradle, alpha, beta, gamma, delta,"
+        " release_angle, lifted, or EFFECT.KEY. κ stays as it is unless beta is an axis. Repeat"
+        " for a grid.",
+    ),
+]
+Quantities = Annotated[
+    list[str] | None,
+    typer.Option(
+        help="lambda | synchronization_time | energy_share | overtaking_time | impacts | sigma. Repeat at will.",
+        show_default="lambda",
+    ),
+]
+Times = Annotated[
+    str | None, typer.Option(metavar="VALUES", help="s, of σ(t), like an axis.", show_default="every second")
+]
+Table = Annotated[str, typer.Option(metavar="NAME", help="In DIR; ends in .csv, .parquet or .nc.")]
+Explore = Annotated[
+    bool,
+    typer.Option(
+        "--explore",
+        help="Also write explore.html, a page with a slider for each axis and the"
+        " cradle in motion. Without --over, for β and δ.",
+    ),
+]

@@ -8,7 +8,7 @@ import pytest
 from cradle_env import Cradle, InitialState, Release, contact_times, restitution_curve, simulate
 from cradle_env.mechanics.layout import PROGRESS
 from cradle_env.simulation import SimulationError, prepare
-from identification.bench import scipy_peer
+from identification.bench import scipy_contact
 from identification.inference.likelihood import TOLERANCE
 from tests.reference.soft_contact import SoftCradle, simulate_soft
 
@@ -34,7 +34,7 @@ def test_restitution_and_contact_time(k_f: float, mass: float) -> None:
     cradle = Cradle(bobs=2, mass=mass, k_f=k_f)
     speeds = np.array([1e-4, 1e-2, 0.5, 10.0])
     m = mass / 2
-    peer = [scipy_peer.kk_pair(k_f * cradle.k_el**-0.6 * m**-0.4 * v**0.2) for v in speeds]
+    peer = [scipy_contact.kk_pair(k_f * cradle.k_el**-0.6 * m**-0.4 * v**0.2) for v in speeds]
     e, duration = np.array(peer).T * [[1.0], [1.0]]
     duration *= (m**2 / (cradle.k_el**2 * speeds)) ** 0.2
     # 1e-9 is asked for; 1.4e-12 was measured.
@@ -128,7 +128,7 @@ def test_chain_hit_at_rest(published: list[float]) -> None:
     # Half a unit of the last digit published, and 1e-9 s of gravity.
     np.testing.assert_allclose(after, published, atol=5.1e-5)
     # The chain is integrated to 1e-7 a step.
-    impulses = scipy_peer.kk_chain(scipy_peer.Peer(bobs, youngs_modulus=TABLE_MODULUS), 0.391, np.ones(bobs - 2))
+    impulses = scipy_contact.kk_chain(scipy_contact.Peer(bobs, youngs_modulus=TABLE_MODULUS), 0.391, np.ones(bobs - 2))
     np.testing.assert_allclose(after, np.diff(-impulses, prepend=-1, append=0), atol=2e-6)
     assert after.sum() == pytest.approx(1.0, abs=1e-9)
     lost = cradle.mass * 0.391**2 / 2 * (1 - (after**2).sum())
