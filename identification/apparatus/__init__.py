@@ -16,6 +16,7 @@ _PUBLIC = {
     "measure_impacts": "impacts.measure",
     "measure_ringdown": "ringdown.measure",
     "measure_string": "string.measure",
+    "measure_video": "video.measure",
 }
 
 __all__ = [*_PUBLIC]

@@ -144,6 +144,71 @@ def contacts(
     )
 
 
+@measure.command()
+def video(
+    film: Annotated[Path, typer.Argument(metavar="FILM", help="MP4, MOV, AVI, WebM, GIF, or a folder of images.")],
+    out: Out,
+    diameter: Annotated[
+        float | None, typer.Option(help="m, of a bob; sets the scale. Else that of --from or --set radius=.")
+    ] = None,
+    bobs: Annotated[int | None, typer.Option(min=1, help="How many; counted where omitted.")] = None,
+    box: Annotated[
+        list[str] | None,
+        typer.Option(metavar="X,Y,WIDTH,HEIGHT", help="Around a bob in the first frame [pixels]. Once for each bob."),
+    ] = None,
+    click: Annotated[
+        list[str] | None,
+        typer.Option(metavar="X,Y", help="A point on a bob in the first frame [pixels]. Once for each bob."),
+    ] = None,
+    slow_motion: Annotated[float, typer.Option(help="By which factor the film plays too slowly.")] = 1.0,
+    rate: Annotated[
+        float | None, typer.Option(help="Frames per second as played, instead of the file's times.")
+    ] = None,
+    source: From = None,
+    set_: Set = None,
+    seed: HiddenSeed = 0,
+    workers: NoWorkers = None,
+) -> None:  # fmt: skip
+    """Angles of the bobs from a film: experiment.toml and run1.csv for calibrate, and overlay.mp4 to look at."""
+    import os
+
+    from cradle_env.cradle import Cradle
+    from identification.apparatus.video.measure import measure_video
+
+    settings = [*(set_ or []), *([] if diameter is None else [f"radius={diameter / 2.0!r}"])]
+    cradle = _cradle(source, settings)
+    known = {text.partition("=")[0] for text in settings}
+    if cradle is None or (source is None and "radius" not in known):
+        raise ValueError("the scale is not known; state the diameter of a bob, as --diameter 0.04, in m")
+    length = cradle.length if source is not None or "length" in known else None
+    part = out / f".overlay.mp4.{os.getpid()}.part"
+    boxes = [(x, y, width, height) for x, y, width, height in (_numbers("--box", text, 4) for text in box or ())]
+    clicks = [(x, y) for x, y in (_numbers("--click", text, 2) for text in click or ())]
+    try:
+        _run(
+            "video",
+            out,
+            lambda progress: measure_video(
+                film, cradle or Cradle(), bobs=bobs, boxes=boxes, clicks=clicks, slow_motion=slow_motion, rate=rate,
+                stated_length=length, overlay=part, progress=progress,
+            ),
+            "experiment.toml", "run1.csv", "overlay.mp4",
+        )  # fmt: skip
+    finally:
+        part.unlink(missing_ok=True)
+
+
+def _numbers(option: str, text: str, count: int) -> tuple[float, ...]:
+    """(10.0, 20.0) of "10,20"."""
+    try:
+        found = tuple(float(part) for part in text.split(","))
+    except ValueError:
+        found = ()
+    if len(found) != count:
+        raise ValueError(f"{option} {text}: expected {count} numbers with commas between them, in pixels")
+    return found
+
+
 def _run(kind: str, out: Path, work: Callable[[Progress], Measurement], *tables: str) -> None:
     """Measures and writes what was found, and shows it; holds the folder meanwhile."""
     from identification.apparatus.measurement_files import check_folder, save

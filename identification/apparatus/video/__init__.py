@@ -1,0 +1,1 @@
+"""Film of a cradle in, angles of its bobs and a described experiment out."""

@@ -1,0 +1,265 @@
+"""From pixels to angles: the vertical, the scale and the pivots, from the swings themselves.
+
+The arc of a bob is level where it hangs: that gives the vertical. The distance of neighbours at rest, 2R(1 + δ), gives
+the scale along the row, in which a camera that looks from the side foreshortens the swings alike; of a single bob its
+own disc does. The period of free flights gives the distance of the pivots, g (T/2π)², which the shallow arcs tell
+badly: strings stretch by half of what these are high.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from cradle_env.cradle import Cradle
+from identification.apparatus.residuals import correlation_of
+from identification.apparatus.video.tracking import Tracks
+from identification.storage.files import ExperimentError
+
+#: Part of a radius by which neighbours must be apart for a bob to count as in flight.
+_CLEAR = 0.15
+#: Flights used: duration in parts of a period at least, and way in radii.
+_LONG, _WIDE = 0.25, 0.5
+#: Frames of a flight at least, and of stillness at the beginning.
+_LEAST, _STILL = 5, 10
+#: By how much bobs hang elsewhere than a first look says, in radii, and by how much a flight departs from a cosine
+#: [pixels], as strings stretch; 1 sigma.
+_ELSEWHERE, _UNEVEN = 0.05, 0.5
+#: By how much bobs of a row hang at unequal heights, in diameters, 1 sigma.
+_UNLEVEL = 0.02
+#: Errors of the scale, 1 sigma: of a disc's radius by what counts as its edge [pixels], and of any by lens and
+#: perspective.
+_EDGE_SD, _LENS_SD = 0.15, 2e-3
+
+
+@dataclass(frozen=True, eq=False)
+class Geometry:
+    """How the cradle lies in the picture, each number with its standard deviation.
+
+    roll [rad]: by which the picture is turned clockwise; scale [pixels/m] along the row; period [s] of small swings;
+    reach [m]: from pivot to centre as the period has it; arc [m]: as the curvature of the arcs has it; rest (N, 2)
+    [pixels]: where bobs hang in the turned picture; rest_sd (N,); zero_sd [rad]: of the angles at rest.
+    """
+
+    roll: tuple[float, float]
+    scale: tuple[float, float]
+    period: tuple[float, float]
+    reach: tuple[float, float]
+    arc: tuple[float, float]
+    rest: np.ndarray
+    rest_sd: np.ndarray
+
+    @property
+    def zero_sd(self) -> float:
+        """Of angles at rest [rad]."""
+        return float(np.max(self.rest_sd)) / (self.scale[0] * self.reach[0])
+
+    @property
+    def angle_scale_sd(self) -> float:
+        """Of the factor by which all angles may be off."""
+        parts = (self.scale[1] / self.scale[0], self.reach[1] / self.reach[0], _LENS_SD)
+        return float(np.sqrt(np.sum(np.square(parts))))
+
+    def turned(self, places: np.ndarray) -> np.ndarray:
+        """Places [pixels] in a picture whose vertical is upright."""
+        return places @ _turn(self.roll[0]).T
+
+    def pivots(self) -> np.ndarray:
+        """(N, 2) in the picture as it is [pixels]."""
+        upright = self.rest - np.array([0.0, self.scale[0] * self.reach[0]])
+        return upright @ _turn(self.roll[0])
+
+    def polar(self, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Angles [rad] and distances from the pivots [m] of places (T, N, 2)."""
+        height = self.scale[0] * self.reach[0]
+        across, down = np.moveaxis(self.turned(places) - self.rest, -1, 0)
+        return np.arctan2(across, height + down), np.hypot(across, height + down) / self.scale[0]
+
+
+def _turn(roll: float) -> np.ndarray:
+    return np.array([[np.cos(roll), np.sin(roll)], [-np.sin(roll), np.cos(roll)]])
+
+
+def geometry(tracks: Tracks, cradle: Cradle, rest: np.ndarray, name: str) -> Geometry:
+    """From tracks; rest: (N, 2), about where the bobs hang [pixels]; name: of the film. ExperimentError where there is
+    no free swing to take a period from."""
+    arcs, curvature, levels = _level(tracks.places, rest)
+    roll = _roll(arcs, levels, rest, 2.0 * float(np.nanmedian(tracks.radii)))
+    turned = tracks.places @ _turn(roll[0]).T
+    radius = float(np.nanmedian(tracks.radii))
+    flights = _flights(tracks.times, turned[..., 0], radius)
+    about = _hanging(turned[..., 0], (rest @ _turn(roll[0]).T)[:, 0], radius)
+    omega, middle, middle_sd, amplitude = _swings(tracks.times, turned[..., 0], flights, about, radius, name)
+    scale = _scale(middle, middle_sd, radius, cradle)
+    # A swing of half-width A lasts longer by (A/L)²/16: Landau & Lifshitz, Mechanics, § 11.
+    length = cradle.gravity / omega[0] ** 2
+    slower = 1.0 + (amplitude / (scale[0] * length)) ** 2 / 16.0
+    period = 2.0 * np.pi / omega[0] / slower
+    part = omega[1] / omega[0]
+    reach = cradle.gravity * (period / (2.0 * np.pi)) ** 2
+    levels = np.nanmedian(np.where(np.abs(turned[..., 0] - middle) < 1.0 * radius, turned[..., 1], np.nan), axis=0)
+    levels = np.where(np.isnan(levels), np.nanmedian(turned[..., 1]), levels)
+    arc = 1.0 / (2.0 * max(curvature[0], 1e-12))
+    arc_sd = arc * curvature[1] / max(curvature[0], 1e-12)
+    return Geometry(
+        roll,
+        scale,
+        (period, period * part),
+        (reach, 2.0 * reach * part),
+        (arc / scale[0], arc_sd / scale[0]),
+        np.column_stack([middle, levels]),
+        middle_sd,
+    )
+
+
+def _level(places: np.ndarray, rest: np.ndarray) -> tuple[tuple[float, float], tuple[float, float], np.ndarray]:
+    """Slope of the arcs where the bobs hang, as an angle, and half their curvature [1/pixel], with their errors; and
+    how far down each is there [pixels], (N,)."""
+    x = (places[..., 0] - rest[:, 0]).ravel()
+    y = places[..., 1].ravel()
+    bob = np.tile(np.arange(len(rest)), len(places))
+    good = np.isfinite(x) & np.isfinite(y)
+    x, y, bob = x[good], y[good], bob[good]
+    design = np.column_stack([x, -(x**2), *(bob == i for i in range(len(rest)))]).astype(float)
+    found, *_ = np.linalg.lstsq(design, y, rcond=None)
+    left = y - design @ found
+    spread = left.var() * correlation_of(left[np.argsort(bob, kind="stable")])
+    errors = np.sqrt(np.diag(np.linalg.pinv(design.T @ design)) * spread)
+    return (float(np.arctan(found[0])), float(errors[0])), (float(found[1]), float(errors[1])), found[2:]
+
+
+def _roll(arcs: tuple[float, float], levels: np.ndarray, rest: np.ndarray, diameter: float) -> tuple[float, float]:
+    """What the slope of the arcs and that of the row say of the roll together; lengths differ by a part of a bob."""
+    if len(levels) == 1:
+        return arcs
+    number = np.arange(len(levels)) - (len(levels) - 1) / 2.0
+    row = number @ levels / (number @ number) / diameter, _UNLEVEL / np.sqrt(number @ number)
+    share = arcs[1] ** -2, row[1] ** -2
+    return float((share[0] * arcs[0] + share[1] * np.arctan(row[0])) / sum(share)), float(sum(share) ** -0.5)
+
+
+def _flights(times: np.ndarray, x: np.ndarray, radius: float) -> list[tuple[int, slice]]:
+    """(bob, frames) in which a bob is seen and touches no other."""
+    gap = np.diff(x, axis=1)
+    touch = np.nanquantile(gap, 0.02) if gap.size else -np.inf
+    free = np.isfinite(x)
+    with np.errstate(invalid="ignore"):
+        apart = gap > touch + _CLEAR * radius
+    free[:, :-1] &= apart
+    free[:, 1:] &= apart
+    found = []
+    for bob in range(x.shape[1]):
+        edges = np.flatnonzero(np.diff(np.concatenate([[0], free[:, bob].astype(int), [0]])))
+        for first, last in zip(edges[::2], edges[1::2], strict=True):
+            # A bob that is held, or hangs until it is struck, is not in flight; one that turns stays for a frame or
+            # two.
+            moved = np.flatnonzero(np.abs(x[first:last, bob] - x[first, bob]) > _CLEAR * radius)
+            away = int(moved[0]) if len(moved) else last - first
+            begins = first + (away if away > _STILL else 1)
+            # The first and last frames may average over an impact.
+            if last - 1 - begins >= _LEAST:
+                found.append((bob, slice(begins, last - 1)))
+    return found
+
+
+def _swings(
+    times: np.ndarray, x: np.ndarray, flights: list[tuple[int, slice]], about: np.ndarray, radius: float, name: str
+) -> tuple[tuple[float, float], np.ndarray, np.ndarray, float]:
+    """ω of all flights, each bob's middle with its error [pixels], and the RMS half-width."""
+    from scipy.optimize import fminbound
+
+    parts = []
+    for bob, frames in flights:
+        moved = np.abs(x[frames, bob] - about[bob])
+        if moved.max() > _WIDE * radius and np.ptp(x[frames, bob]) > 0.25 * moved.max():
+            parts.append((bob, times[frames], x[frames, bob]))
+    parts = _pieces(parts)
+    if not parts:
+        raise ExperimentError(
+            f"{name}: no bob is seen to swing freely; film from the release on, at 30 frames/s or more"
+        )
+    bobs = sorted({bob for bob, *_ in parts})
+
+    def fitted(omega: float) -> tuple[float, np.ndarray, np.ndarray, list[float], int]:
+        # Each flight has a cosine and a sine of its own; what is common to a bob is left for its middle.
+        total, count, wide = 0.0, 0, []
+        normal, pull = np.zeros(len(bobs)), np.zeros(len(bobs))
+        for bob, t, values in parts:
+            phase = omega * (t - t.mean())
+            basis, _ = np.linalg.qr(np.column_stack([np.cos(phase), np.sin(phase)]))
+            one = np.ones(len(t)) - basis @ (basis.T @ np.ones(len(t)))
+            free = values - basis @ (basis.T @ values)
+            k = bobs.index(bob)
+            normal[k] += one @ one
+            pull[k] += one @ free
+            total += free @ free
+            count += len(t) - 2
+        normal, pull = normal + prior, pull + prior * known
+        middle = pull / normal
+        total += float(prior * known @ known)
+        for bob, t, values in parts:
+            phase = omega * (t - t.mean())
+            waves = np.column_stack([np.cos(phase), np.sin(phase)])
+            found, *_ = np.linalg.lstsq(waves, values - middle[bobs.index(bob)], rcond=None)
+            wide.append(float(np.hypot(*found)))
+        return float(total - pull @ middle), middle, normal, wide, count - len(bobs)
+
+    prior, known = (_UNEVEN / (_ELSEWHERE * radius)) ** 2, about[bobs]
+    # Between impacts a bob flies for half a period, alone on its strings each piece is a whole one.
+    longest = max(t[-1] - t[0] for _, t, _ in parts)
+    grid = (1.0 if len(about) > 1 else 2.0) * np.pi / longest * np.geomspace(0.5, 1.4, 60)
+    cost = [fitted(omega)[0] for omega in grid]
+    best = int(np.argmin(cost))
+    low, high = grid[max(best - 1, 0)], grid[min(best + 1, len(grid) - 1)]
+    omega = float(np.asarray(fminbound(lambda w: fitted(w)[0], low, high, xtol=1e-6 * low)))
+    rss, middle, normal, wide, freedom = fitted(omega)
+    step = 1e-3 * omega
+    bend = (fitted(omega + step)[0] - 2.0 * rss + fitted(omega - step)[0]) / step**2
+    # Residuals are what strings and codec leave, and alike over several frames.
+    spread = rss / max(freedom, 1) * 5.0
+    omega_sd = float(np.sqrt(2.0 * spread / max(bend, 1e-12)))
+    middles, sds = about.copy(), np.full(len(about), _ELSEWHERE * radius)
+    middles[bobs], sds[bobs] = middle, np.sqrt(spread / np.maximum(normal, 1e-12))
+    return (omega, omega_sd), middles, sds, float(np.sqrt(np.mean(np.square(wide))))
+
+
+def _pieces(parts: list[tuple[int, np.ndarray, np.ndarray]]) -> list[tuple[int, np.ndarray, np.ndarray]]:
+    """Flights of a bob without neighbours never end: they are cut where it passes its outermost points."""
+    found = []
+    for bob, t, values in parts:
+        turns = np.flatnonzero(np.diff(np.sign(values - values.mean())) != 0)
+        if len(turns) < 4:
+            found.append((bob, t, values))
+            continue
+        for first, last in zip(turns[:-2:2], turns[2::2], strict=False):
+            found.append((bob, t[first : last + 1], values[first : last + 1]))
+    return [piece for piece in found if len(piece[1]) >= _LEAST]
+
+
+def _hanging(x: np.ndarray, about: np.ndarray, radius: float) -> np.ndarray:
+    """About where bobs hang [pixels]: as those do that are still at the beginning, and neighbours of these."""
+    still = {}
+    for bob, column in enumerate(x.T):
+        early = column[np.isfinite(column)][:_STILL]
+        if len(early) == _STILL and np.ptp(early) < 0.06 * radius and abs(np.median(early) - about[bob]) < radius:
+            still[bob] = float(np.median(early))
+    steps = 2.0 * radius * np.arange(len(about))
+    middle = float(np.median([place - steps[bob] for bob, place in still.items()])) if still else about[0] - steps[0]
+    return np.array([still.get(bob, middle + step) for bob, step in enumerate(steps)])
+
+
+def _scale(middle: np.ndarray, middle_sd: np.ndarray, radius: float, cradle: Cradle) -> tuple[float, float]:
+    """Pixels per metre along the row."""
+    disc = radius / cradle.radius, _EDGE_SD / cradle.radius
+    if len(middle) == 1:
+        return disc
+    spacing = 2.0 * cradle.radius * (1.0 + float(np.mean(cradle.gaps)))
+    number = np.arange(len(middle)) * spacing
+    weights = 1.0 / middle_sd
+    (scale, _), covariance = np.polyfit(number, middle, 1, w=weights, cov="unscaled")
+    row = float(scale), float(np.sqrt(covariance[0, 0]))
+    share = disc[1] ** -2, row[1] ** -2
+    if abs(row[0] - disc[0]) > 3.0 * np.hypot(row[1], disc[1]):
+        return row[0], max(row[1], 0.5 * abs(row[0] - disc[0]))
+    return (share[0] * disc[0] + share[1] * row[0]) / sum(share), sum(share) ** -0.5

@@ -1,0 +1,249 @@
+"""Film → angles: what a film of a cradle says, as an experiment ready for calibration."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import numpy as np
+
+from cradle_env.cradle import Cradle
+from cradle_env.errors import check_range
+from identification.apparatus.measurement import Measurement, Value
+from identification.apparatus.video.frames import Film
+from identification.apparatus.video.geometry import Geometry, geometry
+from identification.apparatus.video.release import Begin, begin
+from identification.apparatus.video.survey import survey
+from identification.apparatus.video.tracking import Tracks, track
+from identification.experiment.experiment import Experiment
+from identification.experiment.run import Prior, ReleaseInfo, Run
+from identification.number_format import format_number
+from identification.progress import Progress
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+#: Part of a length by which it may differ from what the period says, 1 sigma: strings stretch, and wear in.
+_LENGTH_SD = 0.02
+#: Stretch of worn-in strings over that of new ones, in the mean over a film.
+_WORN = 1.5
+#: Part by which a stated length and that of the period may differ before the film's clock is doubted.
+_DOUBT = 0.08
+#: Part of the frames in which a bob may be missing without a warning.
+_MISSING = 0.02
+
+
+@dataclass(frozen=True, eq=False)
+class VideoMeasurement(Measurement):
+    """What a film says of a cradle; see `measure_video`.
+
+    tracks: the bobs in pixels; geometry: how the cradle lies in the picture; theta (T, N) [rad], nan where a bob was
+    not seen; begin: how the motion begins; experiment: ready for `calibrate`; overlay: a film to look at, where one
+    was made.
+    """
+
+    kind: ClassVar[str] = "video"
+    caption: ClassVar[str] = (
+        "Top left: angles against time; gaps are frames in which a bob was not seen. Top right: the arcs in the"
+        " picture, turned upright, the rest positions, and circles about the pivots that the period gives. Bottom left:"
+        " distance from the pivots against time. Bottom right: RMS distance of each bob's edge from a circle."
+    )
+
+    tracks: Tracks
+    geometry: Geometry
+    theta: np.ndarray
+    begin: Begin
+    experiment: Experiment
+    overlay: Path | None
+
+    def figure(self) -> Figure:
+        """Angles, arcs, distances and residuals."""
+        from identification.apparatus.video.figure import video_figure
+
+        return video_figure(self)
+
+    def details(self) -> dict[str, Any]:
+        """Frames, and how many of them each bob is missing in."""
+        steps = np.diff(self.tracks.times)
+        missing = np.isnan(self.theta)
+        return {
+            "frames": len(self.theta),
+            "bobs": self.theta.shape[1],
+            "rate_hz": float(1.0 / np.median(steps)),
+            "rate_varies": bool(np.ptp(steps) > 0.01 * np.median(steps)),
+            "missing": missing.mean(axis=0).tolist(),
+            "angle_scale_sd": self.geometry.angle_scale_sd,
+            "zero_sd_rad": self.geometry.zero_sd,
+            "rest_pixels": self.geometry.rest.tolist(),
+            "release_time_s": self.begin.time,
+        }
+
+    def files(self) -> Mapping[str, str | bytes | Path]:
+        """experiment.toml, run1.csv and the overlay."""
+        return {**self.experiment.texts(), **({} if self.overlay is None else {"overlay.mp4": self.overlay})}
+
+
+def measure_video(
+    film: str | Path,
+    cradle: Cradle,
+    *,
+    bobs: int | None = None,
+    boxes: Sequence[tuple[float, float, float, float]] = (),
+    clicks: Sequence[tuple[float, float]] = (),
+    slow_motion: float = 1.0,
+    rate: float | None = None,
+    stated_length: float | None = None,
+    overlay: Path | None = None,
+    progress: Progress = lambda *_: None,
+) -> VideoMeasurement:
+    """Measure the angles of the bobs in a film.
+
+    Parameters
+    ----------
+    film : path
+        A film, or a folder of images.
+    cradle : Cradle
+        What is known of the cradle: its radius sets the scale, gravity the length; mass, κ and the rest go into the
+        experiment.
+    bobs : int, optional
+        How many there are; counted where omitted.
+    boxes : sequence of (x, y, width, height), optional
+        Around each bob in the first frame [pixels], instead of looking for them.
+    clicks : sequence of (x, y), optional
+        A point on each bob in the first frame [pixels], likewise.
+    slow_motion : float
+        By which factor the film plays more slowly than what it shows.
+    rate : float, optional
+        Frames per second as played, instead of the times in the file.
+    stated_length : float, optional
+        Length of the pendulums by a ruler [m], against which the film's clock is checked.
+    overlay : path, optional
+        Where to write a film that shows what was found.
+    progress : callable, optional
+        Called with a stage, the part that is done, and words.
+
+    Returns
+    -------
+    VideoMeasurement
+
+    Raises
+    ------
+    ValueError
+        One line, for a film that cannot be used.
+    """
+    source = Film(Path(film), slow_motion, rate)
+    if bobs is not None:
+        bobs = int(check_range("bobs", bobs, "", 1, 200))
+    found = survey(source, bobs, boxes, clicks, progress)
+    cradle = cradle.replace(bobs=len(found.rest), delta=_delta_of(cradle, len(found.rest)))
+    tracks = track(source, found, progress)
+    lie = geometry(tracks, cradle, found.rest, source.path.name)
+    theta, r = lie.polar(tracks.places)
+    start = begin(tracks.times, theta, r, 2.0 * np.pi / lie.period[0], cradle)
+    experiment = _experiment(cradle, tracks, lie, theta, start)
+    if overlay is not None:
+        from identification.apparatus.video.overlay import write_overlay
+
+        write_overlay(overlay, source, tracks, lie, progress)
+    values = {
+        "period": Value.normal("T", "of small swings", "s", *lie.period),
+        "reach": Value.normal("r", "from pivot to centre of a bob that hangs, by the period", "m", *lie.reach),
+        "pixels": Value.normal("s", "scale along the row", "1/m", *lie.scale),
+        "roll": Value.normal("ρ", "by which the picture is turned clockwise", "rad", *lie.roll),
+    }
+    return VideoMeasurement(
+        values, _findings(tracks, lie, start), _warnings(tracks, lie, start, stated_length), _digest(source.path), 0,
+        tracks, lie, theta, start, experiment, overlay,
+    )  # fmt: skip
+
+
+def _delta_of(cradle: Cradle, bobs: int) -> float | tuple[float, ...]:
+    """δ as it is stated, or its mean where it is stated for another number of gaps."""
+    return cradle.delta if bobs == cradle.bobs else float(np.mean(cradle.delta))
+
+
+def _experiment(cradle: Cradle, tracks: Tracks, lie: Geometry, theta: np.ndarray, start: Begin) -> Experiment:
+    """The film as one run; what the camera leaves uncertain becomes priors."""
+    sag = cradle.mass * cradle.gravity / cradle.radial_stiffness if cradle.has("radial_elasticity") else 0.0
+    length = float(f"{lie.reach[0] - _WORN * sag:.5g}")
+    cradle = cradle.replace(length=length, effects={**cradle.effects, "angle_scale": {"scale": 0.0}})
+    infer = {
+        "length": Prior(mean=length, sd=float(f"{_LENGTH_SD * length:.3g}")),
+        "angle_scale.scale": Prior(mean=0.0, sd=float(f"{lie.angle_scale_sd:.3g}")),
+    }
+    times = tracks.times - start.time
+    info = None
+    if start.release is not None:
+        info = ReleaseInfo(start.release, start.angle_sd, start.time_sd)
+    run = Run(
+        times, theta, release=info, delta=cradle.delta, state="free" if info is None else "release", rest="free",
+        fit_from=0.0,
+    )  # fmt: skip
+    return Experiment(cradle, (run,), infer, ("angle_scale.scale",))
+
+
+def _lifted(start: Begin, bobs: int) -> dict[int, float]:
+    """Angle [rad] of each lifted bob by its number; empty where no release was seen."""
+    if start.release is None:
+        return {}
+    if start.release.angles is not None:
+        return dict(start.release.angles)
+    angle = start.release.angle or 0.0
+    return {bob: angle for bob in range(bobs - start.release.bobs + 1, bobs + 1)}
+
+
+def _findings(tracks: Tracks, lie: Geometry, start: Begin) -> tuple[str, ...]:
+    seen = 100.0 * np.isfinite(tracks.places[..., 0]).mean()
+    scatter = float(np.nanmedian(tracks.scatter))
+    if start.release is None:
+        how = f"No release was seen; the state at {start.time:.3f} s of the film, t = 0, is to be inferred."
+    else:
+        angles = ", ".join(
+            f"bob {i}: {format_number(angle)} rad" for i, angle in _lifted(start, tracks.places.shape[1]).items()
+        )
+        how = f"Released at {start.time:.3f} s of the film, which is t = 0, strings {start.release.start}; {angles}."
+    return (
+        f"{tracks.places.shape[1]} bobs in {len(tracks.times)} frames, found in {seen:.1f} % of the places where they"
+        f" might be; their edges are round to {format_number(scatter, 2)} pixels.",
+        how,
+        f"Curvature of the arcs: {format_number(lie.arc[0])} ± {format_number(lie.arc[1], 2)} m; the period is more"
+        " exact.",
+    )
+
+
+def _warnings(tracks: Tracks, lie: Geometry, start: Begin, length: float | None) -> tuple[str, ...]:
+    warnings = []
+    for bob, share in enumerate(np.isnan(tracks.places[..., 0]).mean(axis=0), 1):
+        if share > _MISSING:
+            warnings.append(
+                f"Bob {bob} is missing in {100.0 * share:.1f} % of the frames; these fields are left empty."
+            )
+    if length is not None and abs(lie.reach[0] / length - 1.0) > _DOUBT:
+        factor = np.sqrt(lie.reach[0] / length)
+        warnings.append(
+            f"The period belongs to {lie.reach[0]:.3g} m, but the stated length is {length:.3g} m: the film plays"
+            f" {format_number(float(factor))} × as slow as that; state --slow-motion, --rate or the length."
+        )
+    elif length is None and abs(lie.reach[0] / lie.arc[0] - 1.0) > 0.3 + 4.0 * lie.arc[1] / lie.arc[0]:
+        factor = np.sqrt(lie.reach[0] / lie.arc[0])
+        warnings.append(
+            f"The period belongs to {lie.reach[0]:.3g} m, the curvature of the arcs to {lie.arc[0]:.3g} m: the film may"
+            f" play {format_number(float(factor), 2)} × as slow as what it shows; state --slow-motion, or --set"
+            " length=."
+        )
+    if start.release is None:
+        warnings.append("No bob is seen to be held still and let go; film from before the release where you can.")
+    return tuple(warnings)
+
+
+def _digest(path: Path) -> str:
+    files = sorted(path.iterdir()) if path.is_dir() else [path]
+    together = hashlib.sha256()
+    for name in files:
+        if name.is_file():
+            with name.open("rb") as file:
+                together.update(hashlib.file_digest(file, "sha256").digest())
+    return together.hexdigest()

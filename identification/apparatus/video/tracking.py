@@ -1,0 +1,137 @@
+"""Which disc is which bob, frame by frame.
+
+Bobs in a row cannot pass through each other, so their order along the row never changes: the discs of a frame, from
+left to right, are the bobs from first to last. Where some are hidden, or something else looks like a bob, the
+assignment with the most evidence is taken of all that keep the order and leave room for the bobs between. Each frame
+is decided anew: what is predicted from earlier ones weighs little, and no error is passed on.
+"""
+
+from __future__ import annotations
+
+import time as clock
+from dataclasses import dataclass
+
+import numpy as np
+
+from identification.apparatus.video.discs import Discs, directions, peaks, reduced, response
+from identification.apparatus.video.edges import centres
+from identification.apparatus.video.frames import Film
+from identification.apparatus.video.survey import Survey
+from identification.progress import Progress
+
+#: Radius [pixels] to which pictures are reduced where discs are looked for.
+_SEARCHED = 7.0
+#: Least response of a disc that may be a bob, and of one that needs no further proof.
+_FAINT, _CLEAR = 0.3, 0.55
+#: Distance of two bobs over their radius, at least: 2, less what blur and reduction err.
+_APART = 1.75
+#: What a bob that is not found costs, in units of the response, and how much a distance from where it should be may.
+_MISSED, _FAR = 0.25, 0.6
+#: Part of the time between two frames that a shutter is taken to be open.
+_OPEN = 0.5
+
+
+@dataclass(frozen=True, eq=False)
+class Tracks:
+    """Bobs over a film: times (T,) [s]; places (T, N, 2) [pixels], nan where a bob is not seen; scatter (T, N), the RMS
+    distance of a bob's edge from a circle [pixels]; radii (T, N)."""
+
+    times: np.ndarray
+    places: np.ndarray
+    scatter: np.ndarray
+    radii: np.ndarray
+
+
+def track(film: Film, found: Survey, progress: Progress = lambda *_: None) -> Tracks:
+    """Follows the bobs through a film; one frame is held at a time."""
+    tracker = _Tracker(found)
+    times, rows, began = [], [], clock.monotonic()
+    for number, (time, picture) in enumerate(film.gray(), 1):
+        times.append(time)
+        rows.append(tracker.step(time, picture))
+        if number % 20 == 0:
+            rate = number / max(clock.monotonic() - began, 1e-9)
+            progress("track", number / found.frames, f"frame {number} of {found.frames}, {rate:.0f} frames/s")
+    table = np.array(rows)
+    return Tracks(np.array(times), table[..., :2], table[..., 2], table[..., 3])
+
+
+class _Tracker:
+    def __init__(self, found: Survey):
+        self.rest, self.radius, self.sign = found.rest, found.radius, found.sign
+        self.factor = max(1, round(found.radius / _SEARCHED))
+        self.rows = found.top - 3.0 * found.radius, found.bottom + 3.0 * found.radius
+        self.last = found.rest.copy()
+        self.speed = np.zeros_like(found.rest)
+        self.seen_at = np.full(len(found.rest), -np.inf)
+        self.time = -np.inf
+
+    def step(self, time: float, picture: np.ndarray) -> np.ndarray:
+        """(N, 4): place, scatter, radius of each bob."""
+        discs = self._discs(picture)
+        fresh = time - self.seen_at < 0.1
+        ago = np.where(fresh, time - self.seen_at, 0.0)
+        expected = np.where(fresh[:, None], self.last + self.speed * ago[:, None], self.rest)
+        reach = np.where(fresh, 1.0 + 2.0 * np.linalg.norm(self.speed, axis=1) * ago / self.radius, 6.0) * self.radius
+        chosen = assign(discs, expected, reach, self.radius)
+        places = np.full_like(self.rest, np.nan)
+        places[chosen >= 0] = discs.places[chosen[chosen >= 0]]
+        moved = np.where(np.isfinite(places) & fresh[:, None], places - self.last, 0.0)
+        exact = centres(picture, places, self.radius, self.sign, _OPEN * moved)
+        got = np.isfinite(exact.places[:, 0])
+        steps = time - self.seen_at
+        known = got & (steps < 0.1)
+        self.speed[known] = (exact.places[known] - self.last[known]) / steps[known, None]
+        self.speed[got & ~known] = 0.0
+        self.last[got], self.seen_at[got] = exact.places[got], time
+        return np.column_stack([exact.places, np.where(got, exact.scatter, np.nan), np.where(got, exact.radii, np.nan)])
+
+    def _discs(self, picture: np.ndarray) -> Discs:
+        """Those in the strip in which the bobs move, in pixels of the picture."""
+        top = max(int(self.rows[0]), 0)
+        strip = reduced(picture[top : int(self.rows[1]) + 1], self.factor)
+        radius = self.radius / self.factor
+        found = peaks(self.sign * response(directions(strip), radius), radius, _FAINT, 3 * len(self.rest) + 5)
+        shift = (self.factor - 1) / 2.0
+        return Discs(found.places * self.factor + shift + np.array([0.0, top]), found.responses)
+
+
+def assign(discs: Discs, expected: np.ndarray, reach: np.ndarray, radius: float) -> np.ndarray:
+    """Which disc each bob is, (N,), -1 for none. expected: (N, 2), reach: (N,), about where it should be [pixels].
+
+    Dynamic programming over the bobs from left to right: as in the alignment of sequences, with a cost for bobs that
+    are left out and the order of the others kept.
+    """
+    order = np.argsort(discs.places[:, 0])
+    x = discs.places[order, 0]
+    bobs, count = len(expected), len(order)
+    apart = np.linalg.norm(discs.places[order][None] - expected[:, None], axis=-1) / reach[:, None]
+    gain = discs.responses[order][None] - _FAR * np.minimum(apart**2, 4.0)
+    if count == bobs and (discs.responses > _CLEAR).all() and (apart.diagonal() < 1.0).all():
+        if (np.diff(x) > _APART * radius).all():
+            return order
+    # best[j, m]: the most that bobs up to j gain if bob j is disc m, less what is missed.
+    best = np.full((bobs, count), -np.inf)
+    source = np.full((bobs, count, 2), -1)
+    for j in range(bobs):
+        best[j] = gain[j] - _MISSED * j
+        for i in range(j):
+            room = x[None, :] - x[:, None] > _APART * radius * (j - i)
+            through = np.where(room, best[i][:, None], -np.inf) - _MISSED * (j - i - 1)
+            if count:
+                via = through.argmax(axis=0)
+                total = through[via, np.arange(count)] + gain[j]
+                better = total > best[j]
+                best[j, better] = total[better]
+                source[j, better, 0], source[j, better, 1] = i, via[better]
+    chosen = np.full(bobs, -1)
+    if count == 0:
+        return chosen
+    ends = best - _MISSED * (bobs - 1 - np.arange(bobs))[:, None]
+    j, m = np.unravel_index(np.argmax(ends), ends.shape)
+    if ends[j, m] <= -_MISSED * bobs:
+        return chosen
+    while j >= 0:
+        chosen[j] = order[m]
+        j, m = source[j, m]
+    return chosen

@@ -1,0 +1,130 @@
+"""Films that a model of a camera renders, through real codecs: bobs are found where they are, and never swapped."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cradle_env import Cradle
+from identification.apparatus.video.discs import Discs
+from identification.apparatus.video.frames import Film
+from identification.apparatus.video.measure import measure_video
+from identification.apparatus.video.survey import survey
+from identification.apparatus.video.tracking import assign, track
+from identification.cli.app import main
+from identification.experiment.experiment import Experiment
+from studies.film.camera import Camera
+from studies.film.made import Case, make
+
+pytest.importorskip("av")
+#: Asked of the centres [pixels, RMS over frames and bobs].
+CENTRES = 0.1
+
+
+def tracked(folder: Path, case: Case, name: str = "film.mp4", **look):
+    """Errors (T, N, 2) [pixels] of the centres that are found, nan for those that are not."""
+    truth = make(folder / name, case)
+    film = Film(folder / name)
+    return track(film, survey(film, **look)).places - truth.places
+
+
+def rms(errors):
+    return float(np.sqrt(np.nanmean(errors**2)))
+
+
+@pytest.mark.parametrize("bobs", [1, 2, 5])
+def test_centres_are_found_to_a_tenth_of_a_pixel(tmp_path, bobs):
+    errors = tracked(tmp_path, Case(bobs, {bobs: 0.2}, duration=2.0))
+    assert rms(errors) < CENTRES and not np.isnan(errors).any()
+
+
+def test_bright_bobs_on_a_dark_ground(tmp_path):
+    camera = Camera(bob=200.0, background=40.0, highlight=30.0)
+    errors = tracked(tmp_path, Case(3, {3: 0.2}, duration=1.5, camera=camera))
+    assert rms(errors) < CENTRES and not np.isnan(errors).any()
+
+
+@pytest.mark.parametrize(("name", "codec"), [("film.mov", "mpeg4"), ("film.avi", "mjpeg"), ("film.webm", "libvpx-vp9")])
+def test_other_containers_and_codecs(tmp_path, name, codec):
+    errors = tracked(tmp_path, Case(2, duration=1.0, codec=codec), name)
+    assert rms(errors) < CENTRES and not np.isnan(errors).any()
+
+
+def test_a_bob_that_is_hidden_is_missing_and_nobody_takes_its_place(tmp_path):
+    errors = tracked(tmp_path, Case(3, {3: 0.2}, duration=2.0, hidden=(1.0, 1.5, 1)))
+    missing = np.isnan(errors[..., 0])
+    assert missing[:, 1].sum() > 20 and missing.mean() < 0.3
+    # What is not missing is right: half a pixel is a thirtieth of a bob.
+    assert np.nanmax(np.abs(errors)) < 0.5
+
+
+def test_order_is_kept_where_discs_are_missing():
+    """Bobs 1, 2, 4 of four, the fourth far out; the nearest to where the third is expected is the fourth."""
+    discs = Discs(np.array([[0.0, 0.0], [20.0, 0.0], [75.0, 0.0]]), np.full(3, 0.9))
+    expected = np.array([[0.0, 0.0], [20.0, 0.0], [40.0, 0.0], [76.0, 0.0]])
+    assert assign(discs, expected, np.full(4, 20.0), 10.0).tolist() == [0, 1, -1, 2]
+    # There is no room for bob 2 between two that touch.
+    close = Discs(np.array([[0.0, 0.0], [20.0, 0.0]]), np.full(2, 0.9))
+    assert assign(close, expected[[0, 1, 1]], np.full(3, 20.0), 10.0).tolist().count(-1) == 1
+
+
+@pytest.fixture(scope="module")
+def filmed(tmp_path_factory):
+    """A film of two bobs, and what is true of it."""
+    folder = tmp_path_factory.mktemp("film")
+    return folder / "film.mp4", make(folder / "film.mp4", Case(2, {2: 0.2}, duration=5.0, camera=Camera(roll=0.01)))
+
+
+def test_angles_agree_with_the_motion_within_what_is_said_of_them(filmed):
+    path, truth = filmed
+    found = measure_video(path, Cradle(bobs=2))
+    assert np.isfinite(found.theta).all()
+    slope, offset = np.polyfit(truth.theta.ravel(), found.theta.ravel(), 1)
+    # Three standard deviations; a scale from a ball 5 % too large is six off.
+    assert abs(slope - 1.0) < 3.0 * found.geometry.angle_scale_sd < 0.03
+    assert abs(offset) < 1e-3
+    assert np.std(found.theta - slope * truth.theta) < 1e-3
+    assert found.begin.time == pytest.approx(0.4, abs=3e-3)
+    assert found.begin.release.angle == pytest.approx(0.2, rel=3.0 * found.geometry.angle_scale_sd)
+    assert found.begin.release.start == "unstretched"
+    # The period of small swings about the hanging length, some mm below r_0 = 0.3 m.
+    assert abs(found.values["period"].median - 2.0 * np.pi * np.sqrt(0.306 / 9.81)) < 0.01
+
+
+def test_a_film_ends_as_an_experiment(filmed, tmp_path, capsys):
+    out = tmp_path / "out"
+    assert main(["measure", "video", str(filmed[0]), "--diameter", "0.04", "--out", str(out)]) == 0
+    experiment = Experiment.load(out / "experiment.toml")
+    assert experiment.cradle.bobs == 2 and "angle_scale.scale" in experiment.infer
+    assert experiment.runs[0].release is not None
+    content = json.loads((out / "measurement.json").read_text())
+    assert content["details"]["missing"] == [0.0, 0.0] and content["kind"] == "video"
+    overlay = Film(out / "overlay.mp4")
+    assert sum(1 for _ in overlay.gray()) == content["details"]["frames"]
+
+
+def test_a_slow_motion_film_is_told_by_its_period(filmed):
+    slow = measure_video(filmed[0], Cradle(bobs=2), rate=15.0, stated_length=0.3)
+    assert any("4.0" in warning and "slow" in warning for warning in slow.warnings)
+    assert not measure_video(filmed[0], Cradle(bobs=2), rate=15.0, slow_motion=4.0, stated_length=0.3).warnings
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [(b"", "cannot be read as a film"), (b"\0" * 5000, "cannot be read as a film")],
+)
+def test_what_is_no_film_is_refused_in_a_line(tmp_path, capsys, content, words):
+    (tmp_path / "film.mp4").write_bytes(content)
+    code = main(["measure", "video", str(tmp_path / "film.mp4"), "--diameter", "0.04", "--out", str(tmp_path / "out")])
+    error = capsys.readouterr().err
+    assert code == 2 and words in error and error.count("\n") == 1
+
+
+def test_a_missing_extra_is_named(tmp_path, monkeypatch, capsys):
+    import sys
+
+    monkeypatch.setitem(sys.modules, "av", None)
+    (tmp_path / "film.mp4").write_bytes(b"x")
+    code = main(["measure", "video", str(tmp_path / "film.mp4"), "--diameter", "0.04", "--out", str(tmp_path / "out")])
+    assert code == 2 and "newtons-cradle[video]" in capsys.readouterr().err
