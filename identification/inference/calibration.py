@@ -1,4 +1,4 @@
-"""Calibration: find the mode, sample around it, and measure the gap that is left."""
+"""Calibration: find the mode, sample around it, and measure the gap."""
 
 from __future__ import annotations
 
@@ -26,8 +26,12 @@ from identification.inference.noise_model import rms
 from identification.inference.nonsmooth import wide_difference_jacobian
 from identification.inference.posterior import Posterior
 from identification.inference.predictive_check import predictive_bound
+from identification.inference.search_options import DEFAULT, SearchOptions
 from identification.progress import Progress
 from identification.storage.lock import locks_output
+
+#: Steps of a chain below which R̂ and the effective sample size say nothing.
+_LEAST_STEPS = 50
 
 
 @locks_output
@@ -42,13 +46,52 @@ def calibrate(
     seed: int = 0,
     workers: int | None = None,
     progress: Progress | None = None,
+    search: SearchOptions = DEFAULT,
 ) -> Posterior:
-    """The posterior of an experiment's unknowns by MCMC.
+    """Sample the posterior of an experiment's unknowns by MCMC.
 
-    parameters: those of k_f, kappa and b to infer, the others keep their stated values; all that matter where
-    omitted. out: folder for chain.h5, from which the same call goes on; steps: total number of steps, until converged
-    where omitted, but at most max_steps. An unconverged posterior is returned as such (`convergence`). Raises
-    ValueError for what cannot be calibrated.
+    Parameters
+    ----------
+    experiment : Experiment
+        Measured runs of one cradle, and what is known about them.
+    parameters : sequence of str, optional
+        Which of k_f, kappa and b to infer; the others keep their stated values. All that matter if omitted.
+    out : path, optional
+        Folder for chain.h5, from which the same call resumes.
+    steps : int, optional
+        Total number of steps of each walker. Sampling stops on convergence if omitted.
+    max_steps : int
+        Steps at most.
+    seed : int
+        Seed of all random numbers.
+    workers : int, optional
+        Threads; all cores if omitted.
+    progress : callable, optional
+        Called with (stage, fraction done, text).
+    search : SearchOptions
+        Options of the search, of the sampler and of the predictive check.
+
+    Returns
+    -------
+    Posterior
+        Unconverged if `posterior.convergence` says so.
+
+    Raises
+    ------
+    ValueError
+        If the experiment cannot be calibrated, or its readings cannot be in their stated unit.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from cradle_env import Cradle, Release, simulate
+    >>> from identification import Experiment
+    >>> cradle, release = Cradle(bobs=1, model="pendulum", b=0.01), Release(angle=0.2)
+    >>> run = simulate(cradle, release, duration=10.0, sample_rate=30.0)
+    >>> readings = run.theta + 1e-3 * np.random.default_rng(0).standard_normal(run.theta.shape)
+    >>> posterior = calibrate(Experiment.from_arrays(cradle, run.t, readings, release, noise=1e-3), steps=300)
+    >>> posterior.convergence.steps, bool(abs(posterior.samples("b").mean() - 0.01) < 1e-3)
+    (300, True)
     """
     report = progress or (lambda *_: None)
     max_steps = _check_steps("max_steps", max_steps)
@@ -61,48 +104,48 @@ def calibrate(
     with TemporaryDirectory() as scratch:
         folder = Path(scratch if out is None else out)
         folder.mkdir(parents=True, exist_ok=True)
-        checkpoint = Checkpoint(folder / "chain.h5", likelihood, seed)
+        checkpoint = Checkpoint(folder / "chain.h5", likelihood, seed, search)
         if not checkpoint.exists():
-            weighted, mode = find_mode(likelihood, seed, report)
-            report("search", 0.95, "how the readings jump about the mode")
-            known, mode = estimate_impact_order_noise(weighted, mode)
+            weighted, mode = find_mode(likelihood, seed, report, search)
+            report("search", 0.95, "impact-order noise about the mode")
+            known, mode = estimate_impact_order_noise(weighted, mode, search)
             inflations = weighted.noise_inflations(mode.point)
             wider = dataclasses.replace(mode, covariance=max(inflations) * mode.covariance)
             checkpoint.begin(wider, known.noise_model.impact_order, inflations)
         likelihood = likelihood.with_noise(checkpoint.noise_model())
-        verdict = sample(likelihood, checkpoint, steps=steps, max_steps=max_steps, progress=report)
+        verdict = sample(likelihood, checkpoint, steps=steps, max_steps=max_steps, progress=report, options=search)
         chains = checkpoint.read()
     kept = Chains(*(array[:, verdict.burn_in :] for array in dataclasses.astuple(chains)))
     rates = kept.newton_exponent if likelihood.gives_lambda else None
     posterior = Posterior(likelihood, kept.chain, kept.log_density, rates, verdict, Gap(np.nan, np.nan), seed)
     report("gap", 0.0, "fit to the training part")
-    return dataclasses.replace(posterior, gap=measure_gap(posterior))
+    return dataclasses.replace(posterior, gap=measure_gap(posterior, search))
 
 
 def _check_steps(name: str, steps: float) -> int:
-    return int(check_range(name, steps, "", 50, remedy="fewer tell nothing about convergence"))
+    return int(check_range(name, steps, "", _LEAST_STEPS, remedy="fewer tell nothing about convergence"))
 
 
-def measure_gap(posterior: Posterior) -> Gap:
-    """RMS residuals over the noise, of a fit to the training part alone, there and on what was held out."""
+def measure_gap(posterior: Posterior, options: SearchOptions = DEFAULT) -> Gap:
+    """RMS residuals over the noise, of a fit to the training part alone: on that part, and on what was held out."""
     full = posterior.likelihood
-    train, held = training_rows(full.experiment)
+    train, held_out = training_rows(full.experiment)
     likelihood = Likelihood(full.experiment, train, full.workers, full.parameters)
-    likelihood, point = refit(likelihood, posterior.best())
-    unseen = Likelihood(full.experiment, held, full.workers, full.parameters)
-    # An estimate may hold more than noise, where frames are few: it is no more than a fit leaves.
+    likelihood, point = refit(likelihood, posterior.best(), options)
+    unseen = Likelihood(full.experiment, held_out, full.workers, full.parameters)
+    # With few frames, an estimated noise may hold part of the motion: it is no more than the RMS residual of a fit.
     weights = list(unseen.noise_model.scales)
     for k, run in enumerate(full.experiment.runs):
         if run.noise is None and train[k].any():
-            left = likelihood.predict(point, k, train[k])[0] - run.readings[train[k]]
-            weights[k] = min(weights[k], rms(left))
+            residual = likelihood.predict(point, k, train[k])[0] - run.readings[train[k]]
+            weights[k] = min(weights[k], rms(residual))
     unseen = unseen.with_noise(unseen.noise_model.with_weights(weights))
     scaled: dict[str, list[np.ndarray]] = {"train": [], "held_out": []}
     raw: dict[str, list[np.ndarray]] = {"train": [], "held_out": []}
     length, quantity = full.experiment.cradle.length, full.experiment.runs[0].quantity
     for k, run in enumerate(full.experiment.runs):
         in_first = 1.0 if run.quantity == quantity else length if quantity == "x" else 1.0 / length
-        for part, rows in (("train", train[k]), ("held_out", held[k])):
+        for part, rows in (("train", train[k]), ("held_out", held_out[k])):
             if rows.any():
                 residual = likelihood.predict(point, k, rows)[0] - run.readings[rows]
                 raw[part].append(residual * in_first)
@@ -110,16 +153,12 @@ def measure_gap(posterior: Posterior) -> Gap:
     by_bob = {part: _rms_by_bob(rows) for part, rows in raw.items() if rows}
     ratio = {part: rms(np.concatenate(rows)) if rows else np.nan for part, rows in scaled.items()}
     residuals = likelihood.residuals(point)
-    several = full.experiment.cradle.bobs >= MIN_BOBS_WITH_IMPACT_ORDER
-    J = (
-        wide_difference_jacobian(likelihood, point, residuals)
-        if several
-        else difference_jacobian(likelihood, point, residuals)
-    )
+    has_impact_order = full.experiment.cradle.bobs >= MIN_BOBS_WITH_IMPACT_ORDER
+    differentiate = wide_difference_jacobian if has_impact_order else difference_jacobian
+    J = differentiate(likelihood, point, residuals)
     inflation = max(full.noise_model.inflations)
-    allowed = predictive_bound(
-        likelihood, unseen, point, inflation * laplace_approximation(likelihood, point, J).covariance, J, inflation
-    )
+    covariance = inflation * laplace_approximation(likelihood, point, J).covariance
+    allowed = predictive_bound(likelihood, unseen, point, covariance, J, inflation, options)
     return Gap(ratio["train"], ratio["held_out"], by_bob, allowed)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import io
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -17,6 +18,7 @@ from cradle_env import hdf5_files
 from identification.inference.laplace import Mode, regularize_covariance
 from identification.inference.likelihood import Likelihood
 from identification.inference.noise_model import ImpactOrderNoise, NoiseModel
+from identification.inference.search_options import DEFAULT, SearchOptions
 from identification.storage.files import ExperimentError, write_file
 from identification.storage.provenance import program_hash
 from identification.storage.schema import check_schema
@@ -41,8 +43,15 @@ class Checkpoint:
     leaves the last whole one.
     """
 
-    def __init__(self, path: Path, likelihood: Likelihood, seed: int):
-        self.path, self.likelihood, self.seed = path, likelihood, seed
+    def __init__(self, path: Path, likelihood: Likelihood, seed: int, options: SearchOptions = DEFAULT):
+        self.path, self.likelihood, self.seed, self.options = path, likelihood, seed, options
+
+    def _program(self) -> str:
+        """What made the chains: the program, and its options where they are not the default ones."""
+        hashed = program_hash(self.likelihood.experiment.cradle.composition)
+        if self.options == DEFAULT:
+            return hashed
+        return hashlib.sha256(f"{hashed} {self.options}".encode()).hexdigest()[:16]
 
     def exists(self) -> bool:
         """Whether there are chains of this very inference to go on with; ExperimentError if of another."""
@@ -58,10 +67,10 @@ class Checkpoint:
                 f"{self.path}: holds chains of seed {known['seed']}, not {self.seed}; give that one, choose another "
                 "--out, or remove the file"
             )
-        if known.get("program") != program_hash(self.likelihood.experiment.cradle.composition):
+        if known.get("program") != self._program():
             raise ExperimentError(
-                f"{self.path}: holds chains by another version of the program, or of an effect from outside it;"
-                " go on with that one, choose another --out, or remove the file"
+                f"{self.path}: holds chains by another version of the program, by other search options,"
+                " or of an effect from outside it; go on with that one, choose another --out, or remove the file"
             )
         return True
 
@@ -117,7 +126,7 @@ class Checkpoint:
         with self._edited_copy(new=True) as image, _open(image, "w") as file:
             file.attrs["inputs"] = self.likelihood.experiment.digest
             file.attrs["names"] = self.likelihood.names
-            file.attrs["program"] = program_hash(self.likelihood.experiment.cradle.composition)
+            file.attrs["program"] = self._program()
             file.attrs["seed"] = self.seed
             file.attrs["inflations"] = list(inflations)
             _write_mode(file, 0, mode)

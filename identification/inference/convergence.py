@@ -1,4 +1,7 @@
-"""Whether chains have converged: R̂, effective sample size, autocorrelation time."""
+"""Whether chains have converged: R̂, effective sample size, autocorrelation time.
+
+Sources: Gelman & Rubin, Stat. Sci. 7, 457 (1992); Goodman & Weare, Comm. App. Math. Comp. Sci. 5, 65 (2010).
+"""
 
 from __future__ import annotations
 
@@ -8,20 +11,16 @@ from dataclasses import dataclass
 import emcee
 import numpy as np
 
-from identification.inference.checkpoint import (
-    Chains,
-)
+from identification.inference.checkpoint import Chains
+from identification.inference.search_options import DEFAULT, SearchOptions
 
-#: What a chain must reach before it is called converged.
-MAX_RHAT, MIN_ESS, MIN_TAUS = 1.01, 400.0, 50.0
-# Steps after which the proposals are adapted to the chains; samples before the last of them are burn-in, for a chain
-# must not adapt to itself. There is no verdict before the first.
-ADAPTATION_STEPS = (40, 240)
+#: Kept steps of a chain below which its halves say nothing.
+_LEAST_STEPS = 4
 
 
 @dataclass(frozen=True)
 class Convergence:
-    """Whether the chains may be trusted. tau: autocorrelation time of the slowest unknown [steps]."""
+    """Whether the chains have converged. tau_max: autocorrelation time of the slowest unknown [steps]."""
 
     converged: bool
     rhat_max: float
@@ -32,19 +31,19 @@ class Convergence:
     reasons: tuple[str, ...] = ()
 
 
-def assess_convergence(chains: Chains) -> Convergence:
+def assess_convergence(chains: Chains, options: SearchOptions = DEFAULT) -> Convergence:
     """R̂, effective sample size and autocorrelation time of the slowest unknown (λ included), and the verdict.
 
-    Burn-in: the first fifth, at least two autocorrelation times, and all before the last adaptation. R̂ compares the
-    halves of the separate ensembles: walkers of one ensemble move by each other's positions, so that they are no
-    independent chains. ESS counts all samples over τ.
+    Burn-in: the first fifth, at least two autocorrelation times, and all before the last adaptation: a chain must not
+    adapt to itself. R̂ compares the halves of the separate ensembles; walkers of one ensemble move by each other's
+    positions, so they are no independent chains. ESS counts all samples over τ.
     """
     E, S, W, _ = chains.chain.shape
     series = np.concatenate([chains.chain, chains.newton_exponent[..., None]], axis=-1)
     varying = np.isfinite(series).all(axis=(0, 1, 2)) & (series.std(axis=(0, 1, 2)) > 0.0)
     series = series[..., varying]
-    adapted = max((step for step in ADAPTATION_STEPS if step < S), default=S)
-    if S - adapted <= 4 or series.shape[-1] == 0:
+    adapted = max((step for step in options.adaptation_steps if step < S), default=S)
+    if S - adapted <= _LEAST_STEPS or series.shape[-1] == 0:
         return Convergence(False, math.nan, 0.0, math.nan, S, S // 2, ("too few steps to tell",))
     tau = _autocorrelation_time(series[:, min(max(S // 5, adapted), S // 2) :])
     burn = max(adapted, min(S // 2, max(S // 5, math.ceil(2.0 * tau))))
@@ -55,22 +54,21 @@ def assess_convergence(chains: Chains) -> Convergence:
     within, between = halves.var(axis=1, ddof=1).mean(axis=0), halves.mean(axis=1).var(axis=0, ddof=1)
     rhat = float(np.sqrt(1.0 + between / within).max())
     ess = E * W * kept.shape[1] / tau
+    times, wanted = kept.shape[1] / tau, options.min_autocorrelation_times
     reasons = []
-    if not rhat < MAX_RHAT:
-        reasons.append(f"R̂ = {rhat:.4f}, wanted below {MAX_RHAT}")
-    if not ess >= MIN_ESS:
-        reasons.append(f"ESS = {ess:.0f}, wanted at least {MIN_ESS:.0f}")
-    if not kept.shape[1] >= MIN_TAUS * tau:
-        reasons.append(
-            f"{kept.shape[1]} steps are {kept.shape[1] / tau:.0f} τ, wanted {MIN_TAUS:.0f} τ (τ = {tau:.0f})"
-        )
+    if not rhat < options.max_rhat:
+        reasons.append(f"R̂ = {rhat:.4f}, wanted below {options.max_rhat}")
+    if not ess >= options.min_ess:
+        reasons.append(f"ESS = {ess:.0f}, wanted at least {options.min_ess:.0f}")
+    if not kept.shape[1] >= wanted * tau:
+        reasons.append(f"{kept.shape[1]} steps are {times:.0f} τ, wanted {wanted:.0f} τ (τ = {tau:.0f})")
     return Convergence(not reasons, rhat, float(ess), float(tau), S, burn, tuple(reasons))
 
 
 def _autocorrelation_time(series: np.ndarray) -> float:
     """Integrated autocorrelation time [steps] of the slowest column of (E, S, W, K), at least 1.
 
-    Where a walker has not moved at all it cannot be told, and counts as the whole length.
+    A walker that never moved has none; the whole length counts instead.
     """
     slowest = 1.0
     for ensemble in series:

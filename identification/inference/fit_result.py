@@ -1,4 +1,4 @@
-"""A model fitted to the training part of an experiment: what it leaves, and what its unknowns can absorb."""
+"""A model fitted to the training part of an experiment: its residuals, their derivatives, and its uncertainty."""
 
 from __future__ import annotations
 
@@ -23,12 +23,20 @@ from identification.inference.noise_model import rms
 from identification.inference.nonsmooth import wide_difference_jacobian, widest_steps
 from identification.inference.predictive_check import predictive_bound
 
-#: Directions that the readings hold less than this share of, of the best known one, count as not seen at all.
+#: Squared singular value, over the largest one, below which a direction is not in a basis.
 _RANK = 1e-9
+#: Longest lag at which residuals are correlated with themselves [readings].
+_LONGEST_LAG = 200
+#: Correlations below this many standard deviations of those of white noise end the sum over lags.
+_NOTABLE = 2.0
+#: The variance of residuals counts as more than the noise from this many of its standard deviations on.
+_EXCESS = 4.0
+#: Least effective sample size: with fewer, every criterion that uses its logarithm would be empty.
+_LEAST_SAMPLE = 10.0
 
 
 def with_known_noise(experiment: Experiment) -> Experiment:
-    """The experiment with the noise of each run stated: an inferred noise would hide what is missing."""
+    """The experiment with the noise of each run stated: an inferred noise would hide a misfit."""
     runs = tuple(dataclasses.replace(run, noise=noise_of(run)) for run in experiment.runs)
     return dataclasses.replace(experiment, runs=runs)
 
@@ -43,7 +51,7 @@ class ResidualIndex:
 
     @classmethod
     def of(cls, likelihood: Likelihood) -> ResidualIndex:
-        """Those of a likelihood, in the order of its residuals."""
+        """The index of the residuals of a likelihood, in their order."""
         parts = []
         for k, (run, rows) in enumerate(zip(likelihood.experiment.runs, likelihood.rows, strict=True)):
             row, bob = np.nonzero(~np.isnan(run.readings[rows]))
@@ -52,7 +60,10 @@ class ResidualIndex:
 
 
 class EffectiveSample(NamedTuple):
-    """What correlated residuals are worth: the inflation c by which Δχ² is divided, and the effective sample size."""
+    """What correlated residuals are worth: see `estimate_effective_sample`.
+
+    inflation: c, by which Δχ² is divided, at least 1; size: the effective sample size, at least 10.
+    """
 
     inflation: float
     size: float
@@ -67,7 +78,7 @@ class FitResult:
 
     @property
     def experiment(self) -> Experiment:
-        """What was fitted."""
+        """The experiment that was fitted."""
         return self.likelihood.experiment
 
     @functools.cached_property
@@ -77,11 +88,11 @@ class FitResult:
 
     @functools.cached_property
     def values(self) -> dict[str, float]:
-        """The unknowns at the mode."""
+        """The unknowns at the mode, by name."""
         return self.likelihood.values(self.point)
 
     def scale_of(self, name: str) -> float:
-        """The change of an unknown's coordinate that is its change by its own size, to first order."""
+        """The change of an unknown's coordinate that changes it by its own size, to first order."""
         unknown = self.likelihood.unknowns[self.likelihood.names.index(name)]
         return 1.0 if unknown.log else self.values[name]
 
@@ -92,7 +103,7 @@ class FitResult:
 
     @functools.cached_property
     def residuals(self) -> np.ndarray:
-        """Model less data over the noise, then those of the priors; (R + P,)."""
+        """Model less data over the noise, then the residuals of the priors; (R + P,)."""
         return self.likelihood.residuals(self.point)
 
     @functools.cached_property
@@ -112,17 +123,17 @@ class FitResult:
 
     @property
     def chi2_scale(self) -> float:
-        """What one unit of χ² is worth beside what this model leaves."""
+        """The scale factor of differences in χ²; see `least_squares.chi2_scale`."""
         return chi2_scale(self.chi2, self.count)
 
     @functools.cached_property
     def jacobian(self) -> np.ndarray:
-        """Derivatives of the residuals with respect to the sampled coordinates, (R + P, D)."""
+        """Derivatives of the residuals with respect to the sampled coordinates, (R + P, D), by wide differences."""
         return self._derivatives[0]
 
     @property
     def widths(self) -> np.ndarray:
-        """The steps by which they were found, (D,)."""
+        """The steps of these differences, (D,)."""
         return self._derivatives[1]
 
     @functools.cached_property
@@ -132,11 +143,11 @@ class FitResult:
 
     @functools.cached_property
     def tangent_basis(self) -> np.ndarray:
-        """Orthonormal basis of what the unknowns can absorb, (R + P, rank)."""
+        """Orthonormal basis of the residuals that a change of the unknowns can make, (R + P, rank)."""
         return orthonormal_basis(self.jacobian)
 
     def project(self, vectors: np.ndarray) -> np.ndarray:
-        """What a refit leaves of vectors (R + P,) or (R + P, M), to first order: v − Q Qᵀ v."""
+        """Project the tangent space out of vectors (R + P,) or (R + P, M): v − Q Qᵀ v, what a refit leaves of them."""
         return vectors - self.tangent_basis @ (self.tangent_basis.T @ vectors)
 
     @functools.cached_property
@@ -151,31 +162,33 @@ class FitResult:
 
     @property
     def noise_inflation(self) -> float:
-        """By how much noise hides more of slow motion than white noise of its size, as χ²: the mean over readings."""
+        """Inflation of χ² by noise that is correlated in time: the mean over readings."""
         counts = np.bincount(self.readings.run, minlength=len(self.correlations))
         return float(np.average([chi2_inflation(rho) for rho in self.correlations], weights=counts))
 
     def _rows_by_bob(self, run: int) -> list[np.ndarray]:
-        """Where the residuals of each bob of a run stand, in order of time."""
+        """Indices of the residuals of each bob of a run, in order of time."""
         at = self.readings
         here = [np.flatnonzero((at.run == run) & (at.bob == bob)) for bob in range(self.cradle.bobs)]
         return [rows for rows in here if len(rows) > 2]
 
     @functools.cached_property
     def covariance(self) -> np.ndarray:
-        """Laplace covariance of the point, inflated for residuals that are not white and widened by jumps of the
-        readings, which are no larger for what else a model leaves; (D, D)."""
+        """Covariance of the point, (D, D): Laplace, inflated for correlated residuals, with impact-order noise.
+
+        The jumps are not inflated: they are no larger for what else the model misses.
+        """
         return add_impact_order_noise(
             self.likelihood, self.point, self.jacobian, self.laplace_covariance, self.effective_sample.inflation
         )
 
     @functools.cached_property
     def laplace_covariance(self) -> np.ndarray:
-        """Laplace covariance of the point as of white noise and readings that do not jump, (D, D)."""
+        """Laplace covariance of the point, (D, D), for white noise and smooth readings."""
         return laplace_approximation(self.likelihood, self.point, self.jacobian).covariance
 
     def gap(self, rows: list[np.ndarray]) -> float:
-        """RMS over the noise of model less data in rows (T,) of each run; nan where there are none."""
+        """RMS residual over the noise in rows (T,) of each run; nan where there are none."""
         parts = []
         for k, run in enumerate(self.experiment.runs):
             if rows[k].any():
@@ -184,26 +197,25 @@ class FitResult:
         return rms(np.concatenate(parts)) if parts else float("nan")
 
     def held_out_gap(self) -> float:
-        """The gap on what was held out."""
+        """The gap on the held-out part."""
         return self.gap(training_rows(self.experiment)[1])
 
     @functools.cached_property
     def predictive_bound(self) -> float:
-        """The gap on what was held out that a right model passes by chance once in a hundred times."""
-        held = Likelihood(self.experiment, training_rows(self.experiment)[1], self.likelihood.workers)
-        return predictive_bound(
-            self.likelihood, held, self.point, self.covariance, self.jacobian, self.effective_sample.inflation
-        )
+        """The held-out gap that a correct model exceeds in 1 of 100 experiments."""
+        held_out = Likelihood(self.experiment, training_rows(self.experiment)[1], self.likelihood.workers)
+        inflation = self.effective_sample.inflation
+        return predictive_bound(self.likelihood, held_out, self.point, self.covariance, self.jacobian, inflation)
 
     def training_gap(self) -> float:
         """The gap on the training part."""
         return self.gap(training_rows(self.experiment)[0])
 
     def replicates(self, count: int, rng: np.random.Generator, estimated: tuple[bool, ...]) -> np.ndarray:
-        """Residuals that refits to data of this very model would leave, (R + P, count): a projection each, of noise as
-        correlated as that of the readings.
+        """Residuals that refits to simulated data of this model would leave, (R + P, count), to first order.
 
-        estimated: of each run, whether its noise is an estimate, which then is made anew from each replicate.
+        Each replicate is noise as correlated as that of the readings, with the tangent space projected out. estimated:
+        for each run, whether its noise is an estimate; it is then estimated from each replicate as well.
         """
         noise = rng.standard_normal((len(self.residuals), count))
         for k, rho in enumerate(self.correlations):
@@ -214,7 +226,7 @@ class FitResult:
                     noise[row] = share * noise[before] + math.sqrt(1.0 - share**2) * noise[row]
         for k in np.flatnonzero(estimated):
             run, rows = self.experiment.runs[k], self.likelihood.rows[k]
-            if not rows.any():  # held out as a whole
+            if not rows.any():  # the whole run is held out
                 continue
             here = np.flatnonzero(self.readings.run == k)
             seen = ~np.isnan(run.readings[rows])
@@ -228,7 +240,7 @@ class FitResult:
 
 
 def orthonormal_basis(columns: np.ndarray) -> np.ndarray:
-    """Orthonormal basis of the span of columns (R, K), (R, rank); columns of any units."""
+    """Orthonormal basis of the span of columns (R, K), (R, rank); the columns may have any units."""
     lengths = np.linalg.norm(columns, axis=0)
     columns = columns[:, lengths > 0.0] / lengths[lengths > 0.0]
     if columns.shape[1] == 0:
@@ -238,21 +250,24 @@ def orthonormal_basis(columns: np.ndarray) -> np.ndarray:
 
 
 def estimate_effective_sample(residuals: np.ndarray, at: ResidualIndex) -> EffectiveSample:
-    """(inflation c of Δχ², effective number of readings) by residuals (R,) over the noise that belong there."""
+    """Inflation of Δχ² and effective sample size by the autocorrelation of residuals (R,) over the noise.
+
+    The size is R/τ with the integrated autocorrelation time τ; the inflation is τ times the variance of the residuals
+    where that is more than the noise's. Source: Sokal, in Functional Integration, NATO ASI B 361, 131 (1997).
+    """
     products, total = np.zeros(1), 0.0
     for k in np.unique(at.run):
         for bob in np.unique(at.bob[at.run == k]):
             own = residuals[(at.run == k) & (at.bob == bob)]
-            lags = min(len(own) // 4, 200)
+            lags = min(len(own) // 4, _LONGEST_LAG)
             own_products = np.array([own[: len(own) - lag] @ own[lag:] for lag in range(lags + 1)])
             size = max(len(products), len(own_products))
             products = np.pad(products, (0, size - len(products))) + np.pad(own_products, (0, size - len(own_products)))
             total += len(own)
     variance = products[0] / total
     correlation = products[1:] / products[0]
-    # Beyond the first lag that noise of this length would show by chance, there is nothing to count.
-    chance = 2.0 / math.sqrt(total)
-    below = np.flatnonzero(correlation < chance)
+    # The sum over lags ends at the first correlation that white noise of this length may have by chance.
+    below = np.flatnonzero(correlation < _NOTABLE / math.sqrt(total))
     tau = 1.0 + 2.0 * float(np.sum(correlation[: below[0] if len(below) else None]))
-    noise = variance if variance > 1.0 + 4.0 * math.sqrt(2.0 / total) else 1.0
-    return EffectiveSample(max(1.0, noise * tau), max(total / tau, 10.0))
+    noise = variance if variance > 1.0 + _EXCESS * math.sqrt(2.0 / total) else 1.0
+    return EffectiveSample(max(1.0, noise * tau), max(total / tau, _LEAST_SAMPLE))

@@ -1,4 +1,7 @@
-"""The Laplace approximation: a mode of the posterior and its covariance."""
+"""The Laplace approximation: a mode of the posterior and its covariance.
+
+Source: MacKay, Information Theory, Inference, and Learning Algorithms, chapter 27.
+"""
 
 from __future__ import annotations
 
@@ -10,10 +13,20 @@ import numpy as np
 
 from identification.inference.least_squares import Misfit
 from identification.inference.noise_model import NoiseModel, rms
+from identification.inference.unknowns import noise_name
+
+#: Least RMS of the residuals [sigma] from which an unknown noise is taken: 0 has no logarithm.
+_LEAST_SCALE = 1e-3
+#: Standard deviation, in the logarithm, of an unknown that the data do not constrain.
+_OPEN_LOG_WIDTH = 5.0
+#: Standard deviation of any other unknown that the data do not constrain, in the half width of its search box.
+_OPEN_WIDTH = 10.0
+#: Least eigenvalue of a correlation matrix that a Cholesky decomposition and rounding allow.
+_LEAST_EIGENVALUE = 1e-9
 
 
 class MisfitWithNoise(Misfit, Protocol):
-    """What has a mode: a likelihood, or one with an unknown held."""
+    """A misfit that has a mode: a likelihood, or one with an unknown held."""
 
     @property
     def noise_model(self) -> NoiseModel:
@@ -40,31 +53,34 @@ class Mode:
 
 
 def laplace_approximation(likelihood: MisfitWithNoise, point: np.ndarray, J: np.ndarray) -> Mode:
-    """The mode at a point, with its covariance, from derivatives J of the residuals (R, D); unknown noise goes to the
-    RMS of the residuals that are left."""
-    residuals, parts = likelihood.residuals(point), likelihood.reading_slices()
-    least, weight = float(np.sum(residuals**2)), np.ones(len(residuals))
+    """The mode at a point (D,) with its Laplace covariance, from the Jacobian J (R, D) of the residuals.
+
+    An unknown noise is set to the RMS of the residuals. An unknown that the data do not constrain is as wide as its
+    bounds allow.
+    """
+    residuals, slices = likelihood.residuals(point), likelihood.reading_slices()
+    chi2, weight = float(np.sum(residuals**2)), np.ones(len(residuals))
     point = point.copy()
-    for k, part in enumerate(parts):
-        name = f"noise@{k + 1}"
+    readings_by_noise = {}
+    for k, part in enumerate(slices):
+        name = noise_name(k)
+        readings_by_noise[name] = part.stop - part.start
         if name in likelihood.names and part.stop > part.start:
-            scale = max(rms(residuals[part]), 1e-3)
+            scale = max(rms(residuals[part]), _LEAST_SCALE)
             weight[part] = 1.0 / scale
             point[likelihood.names.index(name)] = math.log(likelihood.noise_model.weights[k] * scale)
     information = (J * weight[:, None] ** 2).T @ J
     for i, u in enumerate(likelihood.unknowns):
-        if u.name.startswith("noise@"):
-            part = parts[int(u.name.partition("@")[2]) - 1]
-            information[i, i] = 2.0 * (part.stop - part.start)
-        # What the data leave open is as wide as its bounds allow.
-        open_width = min(u.high - u.low, 10.0 * max(u.search, abs(u.start), 1e-3)) if not u.log else 5.0
-        information[i, i] += 1.0 / open_width**2
-    return Mode(point, regularize_covariance(np.linalg.inv(information)), least)
+        if u.name in readings_by_noise:  # the Fisher information of ln σ
+            information[i, i] = 2.0 * readings_by_noise[u.name]
+        open_width = min(u.high - u.low, _OPEN_WIDTH * max(u.search, abs(u.start), 1e-3))
+        information[i, i] += 1.0 / (_OPEN_LOG_WIDTH if u.log else open_width) ** 2
+    return Mode(point, regularize_covariance(np.linalg.inv(information)), chi2)
 
 
 def regularize_covariance(covariance: np.ndarray) -> np.ndarray:
-    """The covariance (D, D), symmetric and positive: correlations closer to 1 than rounding allows are cut off."""
+    """The covariance (D, D) made symmetric and positive definite: correlations are kept below what rounding allows."""
     sd = np.sqrt(np.maximum(np.abs(np.diag(covariance)), 1e-300))
     correlation = 0.5 * (covariance + covariance.T) / np.outer(sd, sd)
     values, vectors = np.linalg.eigh(correlation)
-    return np.outer(sd, sd) * ((vectors * np.maximum(values, 1e-9)) @ vectors.T)
+    return np.outer(sd, sd) * ((vectors * np.maximum(values, _LEAST_EIGENVALUE)) @ vectors.T)

@@ -1,4 +1,4 @@
-"""Nonlinear least squares on a likelihood: bounds, difference_steps, derivatives, descent."""
+"""Nonlinear least squares on a likelihood: bounds, difference steps, derivatives, descent."""
 
 from __future__ import annotations
 
@@ -12,21 +12,25 @@ from scipy.optimize import least_squares
 from cradle_env.threads import each_in_threads, in_threads
 from identification.experiment.experiment import Experiment
 from identification.inference.impossible_model import ImpossibleModelError
+from identification.inference.search_options import DEFAULT, SearchOptions
 from identification.inference.unknowns import Unknown
 
-#: The residual [sigma] of every reading at an impossible point.
+#: Residual [sigma] of every reading at an impossible point: no descent accepts a step there.
 _IMPOSSIBLE_RESIDUAL = 1e4
-#: Gain in χ², over what a reading leaves, at which least squares ends.
-_CONVERGED_GAIN = 1e-3
-#: The number of bobs from which on their impacts have an order that may flip, so that readings jump.
+#: Number of bobs from which on the order of two impacts can change, so that predicted readings jump.
 MIN_BOBS_WITH_IMPACT_ORDER = 3
-#: A step that changes the residuals otherwise than foretold by less than this part of the change leaves derivatives
-#: good enough to be corrected by it alone.
-_BROYDEN_ERROR = 0.3
+#: Difference step of an unknown that is sampled as its logarithm: 0.01 %.
+_LOG_STEP = 1e-4
+#: Difference step of an unknown with a normal prior, in its standard deviations.
+_PRIOR_STEP = 1e-2
+#: Difference step of any other unknown, in the half width of its search box.
+_SEARCH_STEP = 1e-3
+#: Difference step of an unknown that is not searched [its unit].
+_PLAIN_STEP = 1e-5
 
 
 class Misfit(Protocol):
-    """What least squares minimizes the residuals of: a likelihood, or one with an unknown held."""
+    """The residuals that least squares minimizes: those of a likelihood, or of one with an unknown held."""
 
     experiment: Experiment
     unknowns: tuple[Unknown, ...]
@@ -38,139 +42,143 @@ class Misfit(Protocol):
 
 
 def bounds(likelihood: Misfit) -> tuple[np.ndarray, np.ndarray]:
-    """Sampled coordinates between which the search stays; both (D,)."""
+    """Lowest and highest sampled coordinates of a search, both (D,): just inside the bounds of the unknowns."""
     low = np.array([math.log(u.low) if u.log else u.low for u in likelihood.unknowns])
     high = np.array([math.log(u.high) if u.log else u.high for u in likelihood.unknowns])
     inset = np.where(np.isfinite(high - low), 1e-9 * (high - low), 0.0)
     return low + inset, high - inset
 
 
-def residuals_or_penalty(likelihood: Misfit, point: np.ndarray, length: int | None = None) -> np.ndarray:
-    """Residuals, or huge ones where the point is impossible."""
+def residuals_or_penalty(likelihood: Misfit, point: np.ndarray, length: int) -> np.ndarray:
+    """Residuals (R + P,) at a point; `length` huge ones where the point is impossible."""
     try:
         return likelihood.residuals(point)
     except ImpossibleModelError:
-        if length is None:
-            raise
         return np.full(length, _IMPOSSIBLE_RESIDUAL)
 
 
 def cost(likelihood: Misfit, point: np.ndarray) -> float:
-    """Sum of squared residuals at a point; infinite where it is impossible."""
+    """Sum of squared residuals at a point; infinite where the point is impossible."""
     try:
-        found = float(np.sum(likelihood.residuals(point) ** 2))
+        chi2 = float(np.sum(likelihood.residuals(point) ** 2))
     except ImpossibleModelError:
         return math.inf
-    return math.inf if math.isnan(found) else found
+    return math.inf if math.isnan(chi2) else chi2
 
 
 def chi2_scale(chi2: float, readings: int) -> float:
-    """What one unit of χ² is worth: 1, or the χ² that each reading leaves where that is more. Differences far below
-    what a model leaves say nothing about it."""
+    """The scale factor of differences in χ²: the reduced χ², at least 1.
+
+    A model that misses the data by far more than the noise is wrong. Differences of χ² far below its reduced χ² then
+    carry no evidence.
+    """
     return max(1.0, chi2 / max(readings, 1))
 
 
 def difference_steps(likelihood: Misfit) -> np.ndarray:
-    """Finite-difference steps of the coordinates, (D,): small against what is known of each."""
-    found = []
+    """Finite-difference steps of the coordinates, (D,): small against the uncertainty of each unknown."""
+    steps = []
     for u in likelihood.unknowns:
         if u.log:
-            found.append(1e-4)
+            steps.append(_LOG_STEP)
         elif not math.isnan(u.sd):
-            found.append(1e-2 * u.sd)
+            steps.append(_PRIOR_STEP * u.sd)
         else:
-            found.append(1e-3 * u.search if u.search > 0.0 else 1e-5)
-    return np.array(found)
+            steps.append(_SEARCH_STEP * u.search if u.search > 0.0 else _PLAIN_STEP)
+    return np.array(steps)
 
 
 def difference_jacobian(likelihood: Misfit, point: np.ndarray, base: np.ndarray) -> np.ndarray:
-    """Derivatives of the residuals (R, D), by one-sided differences that stay within the bounds."""
+    """Derivatives of the residuals (R, D), by one-sided differences within the bounds; base: residuals at the point."""
     high = bounds(likelihood)[1]
-    width = difference_steps(likelihood)
-    width = np.where(point + width > high, -width, width)
-    moved = point + np.diag(width)
+    steps = difference_steps(likelihood)
+    steps = np.where(point + steps > high, -steps, steps)
+    moved = point + np.diag(steps)
     columns = in_threads(lambda z: residuals_or_penalty(likelihood, z, len(base)), list(moved), likelihood.workers)
-    return (np.array(columns) - base).T / width
+    return (np.array(columns) - base).T / steps
 
 
-def refine(likelihood: Misfit, point: np.ndarray, evaluations: int) -> tuple[np.ndarray, float]:
-    """(point, sum of squared residuals) that least squares reaches in at most so many evaluations; (start, inf) where
-    it cannot begin."""
+def refine(
+    likelihood: Misfit, point: np.ndarray, evaluations: int, options: SearchOptions = DEFAULT
+) -> tuple[np.ndarray, float]:
+    """Descend by least squares (trust-region reflective, SciPy) from a point.
+
+    Returns (point (D,), sum of squared residuals) after at most `evaluations` evaluations; (start, inf) if the start is
+    impossible.
+    """
     low, high = bounds(likelihood)
     inside = np.clip(point, low, high)
     try:
         first = likelihood.residuals(inside)
     except ImpossibleModelError:
         return inside, math.inf
-    length, cost_before = len(first), math.inf
+    gain, cost_before = options.converged_gain / max(len(first), 1), math.inf
     if not len(inside):
         return inside, cost(likelihood, inside)
-    descent = _Descent(likelihood, inside, first)
+    descent = _Descent(likelihood, inside, first, options.broyden_error)
     while True:
-        found = least_squares(
+        fit = least_squares(
             descent.residuals,
             inside,
-            descent.derivatives,  # type: ignore[arg-type]  # a function, which SciPy's stubs do not know of
+            descent.derivatives,  # type: ignore[arg-type]  # SciPy's stubs do not know that this may be a function
             (low - 1e-12, high + 1e-12),
             x_scale=difference_steps(likelihood),
             max_nfev=evaluations,
             xtol=1e-8,
-            ftol=_CONVERGED_GAIN / max(length, 1),
+            ftol=gain,
         )
-        inside, evaluations = found.x, evaluations - found.nfev
-        if (
-            evaluations <= 0
-            or descent.fresh
-            or cost_before - found.cost < _CONVERGED_GAIN / max(length, 1) * found.cost
-        ):
-            return found.x, 2.0 * float(found.cost)
-        cost_before = found.cost  # corrected derivatives may have ended it: once more, with new ones
-        descent = _Descent(likelihood, found.x, found.fun)
+        inside, evaluations = fit.x, evaluations - fit.nfev
+        if evaluations <= 0 or descent.is_exact or cost_before - fit.cost < gain * fit.cost:
+            return fit.x, 2.0 * float(fit.cost)
+        cost_before = fit.cost  # a Broyden update may have ended the descent: repeat it with a new Jacobian
+        descent = _Descent(likelihood, fit.x, fit.fun, options.broyden_error)
 
 
 def refine_each(
-    likelihood: Misfit, points: Sequence[np.ndarray], evaluations: int
-) -> Iterator[tuple[np.ndarray, float]]:  # fmt: skip
-    """What `refine` reaches from each of several points, side by side: much of a descent is one simulation after
-    another."""
-    return each_in_threads(lambda point: refine(likelihood, point, evaluations), points, likelihood.workers)
+    likelihood: Misfit, points: Sequence[np.ndarray], evaluations: int, options: SearchOptions = DEFAULT
+) -> Iterator[tuple[np.ndarray, float]]:
+    """`refine` from each of several points, one descent on each core: a descent is mostly sequential."""
+    return each_in_threads(lambda point: refine(likelihood, point, evaluations, options), points, likelihood.workers)
 
 
 class _Descent:
-    """Residuals and their derivatives at the points of a descent. Derivatives are taken by differences, a simulation
-    for each unknown, only where readings may jump or the last step did not do about what they foretold; else that step
-    corrects them (Broyden 1965). fresh: whether the last are by differences."""
+    """Residuals and their Jacobian at the points of a descent.
 
-    def __init__(self, likelihood: Misfit, start: np.ndarray, residuals: np.ndarray):
-        self.likelihood, self.fresh = likelihood, True
-        self.width = difference_steps(likelihood)
-        self._seen = start.copy(), residuals
-        self._at: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None
+    The Jacobian costs a simulation for each unknown. A Broyden update replaces it while the last step's prediction
+    error is below `broyden_error` of the change in residuals, unless impacts can change their order. is_exact: whether
+    the last Jacobian is by differences. Source: Broyden, Math. Comp. 19, 577 (1965).
+    """
+
+    def __init__(self, likelihood: Misfit, start: np.ndarray, residuals: np.ndarray, broyden_error: float):
+        self.likelihood, self.broyden_error, self.is_exact = likelihood, broyden_error, True
+        self.steps = difference_steps(likelihood)
+        self._last = start.copy(), residuals
+        self._linearization: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None
 
     def residuals(self, point: np.ndarray) -> np.ndarray:
-        """Those at a point, (R,); where they were asked for last, at once."""
-        if not np.array_equal(self._seen[0], point):
-            self._seen = point.copy(), residuals_or_penalty(self.likelihood, point, len(self._seen[1]))
-        return self._seen[1]
+        """Residuals (R,) at a point; those of the last point are kept."""
+        if not np.array_equal(self._last[0], point):
+            self._last = point.copy(), residuals_or_penalty(self.likelihood, point, len(self._last[1]))
+        return self._last[1]
 
     def derivatives(self, point: np.ndarray) -> np.ndarray:
-        """Those at a point, (R, D)."""
+        """The Jacobian (R, D) at a point."""
         value = self.residuals(point)
-        J = self._corrected(point, value)
-        self.fresh = J is None
+        J = self._broyden_update(point, value)
+        self.is_exact = J is None
         if J is None:
             J = difference_jacobian(self.likelihood, point, value)
-        self._at = point.copy(), value, J
+        self._linearization = point.copy(), value, J
         return J
 
-    def _corrected(self, point: np.ndarray, value: np.ndarray) -> np.ndarray | None:
-        """The last derivatives, corrected in the direction of the step since; None where that went astray."""
-        if self._at is None or self.likelihood.experiment.cradle.bobs >= MIN_BOBS_WITH_IMPACT_ORDER:
+    def _broyden_update(self, point: np.ndarray, value: np.ndarray) -> np.ndarray | None:
+        """The last Jacobian, corrected in the direction of the step; None if its prediction error is too large."""
+        if self._linearization is None or self.likelihood.experiment.cradle.bobs >= MIN_BOBS_WITH_IMPACT_ORDER:
             return None
-        last, before, J = self._at
+        last, before, J = self._linearization
         step, change = point - last, value - before
-        unforeseen = change - J @ step
-        if np.linalg.norm(unforeseen) >= _BROYDEN_ERROR * np.linalg.norm(change):
+        prediction_error = change - J @ step
+        if np.linalg.norm(prediction_error) >= self.broyden_error * np.linalg.norm(change):
             return None
-        scaled = step / self.width
-        return J + np.outer(unforeseen, scaled / self.width) / (scaled @ scaled)
+        scaled = step / self.steps
+        return J + np.outer(prediction_error, scaled / self.steps) / (scaled @ scaled)

@@ -1,4 +1,7 @@
-"""How large a gap a right model may leave on readings that were held out."""
+"""Predictive check: how large a held-out gap a correct model leaves by chance.
+
+Source: Gelman, Meng & Stern, Statistica Sinica 6, 733 (1996), with the posterior in its Laplace approximation.
+"""
 
 from __future__ import annotations
 
@@ -11,44 +14,51 @@ from identification.inference.impact_order_noise import principal_axes
 from identification.inference.impossible_model import ImpossibleModelError
 from identification.inference.least_squares import bounds
 from identification.inference.likelihood import Likelihood
+from identification.inference.search_options import DEFAULT, SearchOptions
 
-#: The chance by which a right model may pass what is allowed.
-CHANCE = 0.01
-#: Points drawn of what the fit leaves open, and draws of noise for each.
-_POINTS, _NOISES = 64, 200
-#: χ² over the inflation that a standard deviation must cost the readings that were fitted, of which it costs 1 or more
-#: where these say all that is known.
-_SEEN = 0.5
+#: A principal axis counts as constrained by the training data if a one-sigma step along it raises χ²/c by at least 0.5,
+#: with c the inflation; it is 1 if only the data constrained it.
+_CONSTRAINED = 0.5
 
 
 def predictive_bound(
-    training: Likelihood, held: Likelihood, point: np.ndarray, covariance: np.ndarray, J: np.ndarray, inflation: float
-) -> float:  # fmt: skip
-    """The gap on what was held out that a right model passes by chance once in a hundred times: by noise, and by what
-    the readings that were fitted leave open of the unknowns. nan where nothing was held out.
+    training: Likelihood,
+    held_out: Likelihood,
+    point: np.ndarray,
+    covariance: np.ndarray,
+    J: np.ndarray,
+    inflation: float,
+    options: SearchOptions = DEFAULT,
+) -> float:
+    """The held-out gap that a correct model exceeds with probability `options.predictive_chance`, by default 1 %.
 
-    point (D,), covariance (D, D), derivatives J (R, D): of the fit to the training part; inflation: of χ², of residuals
+    The bound allows for noise and for the uncertainty of the unknowns. nan if nothing was held out.
+
+    point (D,), covariance (D, D), Jacobian J (R, D): of the fit to the training part. inflation: of χ², for residuals
     that are not white.
     """
-    R = held.reading_slices()[-1].stop
+    R = held_out.reading_slices()[-1].stop
     if R == 0:
         return math.nan
-    at_mode = held.residuals(point)[:R]
+    at_mode = held_out.residuals(point)[:R]
     rng = np.random.default_rng(0)
     axes, reach = principal_axes(training, covariance)
-    # What no reading sees is as open as its bounds, and far out no model of this experiment.
-    unseen = np.sum((J @ axes) ** 2, axis=0) < _SEEN * inflation
-    drawn = rng.standard_normal((_POINTS, len(reach))) @ (axes * np.where(unseen, reach, 1.0)).T
+    # An axis that no reading constrains is as long as its bounds; its far end is no model of this experiment.
+    is_open = np.sum((J @ axes) ** 2, axis=0) < _CONSTRAINED * inflation
+    normal = rng.standard_normal((options.predictive_points, len(reach)))
+    drawn = normal @ (axes * np.where(is_open, reach, 1.0)).T
 
     def departure(step: np.ndarray) -> float:
-        """In χ²; where no run is possible, as the truth cannot be, nan."""
+        """χ² of the change in predicted readings; nan where no run is possible: the truth is not there."""
         try:
-            return float(np.sum((held.residuals(np.clip(point + step, *bounds(held)))[:R] - at_mode) ** 2))
+            changed = held_out.residuals(np.clip(point + step, *bounds(held_out)))[:R]
         except ImpossibleModelError:
             return math.nan
+        return float(np.sum((changed - at_mode) ** 2))
 
-    departures = np.array(in_threads(departure, list(drawn), held.workers))
+    departures = np.array(in_threads(departure, list(drawn), held_out.workers))
     departures = departures[np.isfinite(departures)][:, None]
     # χ² of noise beside a departure d: R + d², with variance 2 R c + 4 d² c.
-    scatter = np.sqrt(inflation * (2.0 * R + 4.0 * departures)) * rng.standard_normal((len(departures), _NOISES))
-    return math.sqrt(float(np.quantile(R + departures + scatter, 1.0 - CHANCE)) / R)
+    noise = rng.standard_normal((len(departures), options.predictive_noises))
+    scatter = np.sqrt(inflation * (2.0 * R + 4.0 * departures)) * noise
+    return math.sqrt(float(np.quantile(R + departures + scatter, 1.0 - options.predictive_chance)) / R)

@@ -200,6 +200,11 @@ def run_unknowns(experiment: Experiment, index: int, noise: float) -> list[Unkno
     return found
 
 
+def noise_name(index: int) -> str:
+    """The name of the unknown noise of run `index`."""
+    return f"noise@{index + 1}"
+
+
 def sag(cradle: Cradle) -> float:
     """By how much a bob's weight stretches new strings, along r [m]."""
     return cradle.mass * cradle.gravity / cradle.radial_stiffness

@@ -15,7 +15,7 @@ from identification.inference.fit_result import FitResult
 from identification.inference.impossible_model import ImpossibleModelError
 from identification.inference.least_squares import cost, refine
 from identification.inference.mode_search import search_kappa_modes
-from identification.inference.nonsmooth import DESCENT_ROUNDS, descend
+from identification.inference.nonsmooth import descend
 from identification.inference.start_points import point_at
 from identification.inference.unknowns import SEARCH_WIDTHS
 
@@ -74,7 +74,7 @@ def fit_free_run(
         whole = experiment is fitted.experiment
         if whole and "kappa" in likelihood.names:  # the model without the law may have compensated it by κ
             point = refine(likelihood, search_kappa_modes(likelihood, point, least)[0], _EVALUATIONS)[0]
-        return descend(likelihood, point, DESCENT_ROUNDS if whole else _INNER_ROUNDS, thorough=True) if meet else point
+        return descend(likelihood, point, None if whole else _INNER_ROUNDS, thorough=True) if meet else point
 
     return FitResult(likelihood, searcher.store.point(key, find))
 

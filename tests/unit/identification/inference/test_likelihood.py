@@ -19,6 +19,7 @@ from identification.inference.likelihood import Likelihood, shift_release_angle
 from identification.inference.mode_search import find_mode
 from identification.inference.noise_model import ImpactOrderNoise
 from identification.inference.posterior import Posterior
+from identification.inference.search_options import SearchOptions
 from tests.reference.laboratory import correlated_noise, record, write_experiment
 from tests.reference.soft_contact import SoftCradle, simulate_soft
 from tests.synthetic import simulated_run
@@ -71,10 +72,9 @@ def test_a_descent_ends_where_minpack_does_with_fewer_simulations(monkeypatch):
     residuals = likelihood.residuals
     monkeypatch.setattr(likelihood, "residuals", lambda z: simulations.append(z) or residuals(z), raising=False)
     counts = []
-    for foretold in (least_squares_module._BROYDEN_ERROR, 0.0):  # 0: no step corrects derivatives
-        monkeypatch.setattr(least_squares_module, "_BROYDEN_ERROR", foretold)
+    for options in (SearchOptions(), SearchOptions(broyden_error=0.0)):  # 0: no Broyden updates
         simulations.clear()
-        assert least_squares_module.refine(likelihood, start, 40)[1] == pytest.approx(
+        assert least_squares_module.refine(likelihood, start, 40, options)[1] == pytest.approx(
             least, abs=2e-3
         )  # ends at gains of 1e-3
         counts.append(len(simulations))

@@ -14,6 +14,7 @@ from identification.inference.fit_result import with_known_noise
 from identification.inference.least_squares import cost, refine
 from identification.inference.mode_search import find_mode
 from identification.inference.nonsmooth import descend, wide_difference_jacobian
+from identification.inference.search_options import DEFAULT, SearchOptions
 from identification.inference.start_points import point_at
 from studies.diagnosis.study import Apparatus, cases
 from tests.reference.laboratory import record, write_experiment
@@ -108,7 +109,7 @@ def test_the_early_data_lead_to_the_right_mode_in_kappa(tmp_path, seed):
 
 
 @pytest.mark.slow
-def test_random_steps_lead_where_derivatives_do_not(tmp_path, monkeypatch):
+def test_random_steps_lead_where_derivatives_do_not(tmp_path):
     """Of the study's cases with nothing hidden, the one whose readings jump most: 1,100 above its noise at the truth,
     for the order of impacts there is another one. Where single descents end there hangs on rounding, so that six are
     judged: in all 730 lower."""
@@ -119,8 +120,8 @@ def test_random_steps_lead_where_derivatives_do_not(tmp_path, monkeypatch):
     drawn = [(1 + k) * away * np.random.default_rng(k).standard_normal(4) for k in range(6)]
     starts = [refine(likelihood, truth + step, 40)[0] for step in drawn]
     reached = [cost(likelihood, descend(likelihood, start)) for start in starts]
-    monkeypatch.setattr(nonsmooth, "_MISSES", 0)
-    by_derivatives = [cost(likelihood, descend(likelihood, start)) for start in starts]
+    without = SearchOptions(random_failures=0)
+    by_derivatives = [cost(likelihood, descend(likelihood, start, options=without)) for start in starts]
     assert sum(reached) < sum(by_derivatives) - 100.0, (reached, by_derivatives)
 
 
@@ -136,7 +137,7 @@ def test_every_slice_of_kappa_has_a_start():
     starts = np.random.default_rng(1).uniform(0.0, 1.0, (240, 2))
     costs = starts[:, 1] + 0.01 * starts[:, 0]  # so that all that is best lies in one slice
     chosen = mode_search._choose_starts(likelihood, starts, costs)  # type: ignore[arg-type]
-    assert set(np.argsort(costs)[: mode_search._BEST]) <= set(chosen)
-    slices = np.array_split(np.argsort(starts[:, 1]), mode_search._SLICES)
+    assert set(np.argsort(costs)[: DEFAULT.best_draws]) <= set(chosen)
+    slices = np.array_split(np.argsort(starts[:, 1]), DEFAULT.kappa_slices)
     assert all(set(some) & set(chosen) for some in slices)
-    assert len(chosen) == mode_search._BEST + mode_search._SLICES - 1
+    assert len(chosen) == DEFAULT.best_draws + DEFAULT.kappa_slices - 1
