@@ -44,6 +44,7 @@ def simulate(
     times: np.ndarray | None = None,
     ledger: bool = True,
     tolerance: float = TOLERANCE,
+    sensitivities: Sequence[str] = (),
     progress: Callable[[float], None] | None = None,
 ) -> Trajectory:
     """Simulate one run of a cradle (eqs. 1 to 6, as far as the model has them).
@@ -68,6 +69,11 @@ def simulate(
         What one segment of flight may leave out of the motion, in lengths of the strings: 1e-24 to 1e-6, below 1e-16
         far less than rounding. Over 10 s θ errs by some hundred times as much.
         Contacts that are followed in time keep errors of 1e-6 to 1e-5 rad at any step.
+    sensitivities : sequence of str
+        Parameters by which to differentiate θ, r and the instants of the impacts, exactly: fields of `Cradle`,
+        "delta[i]" of gap i, "alpha" and "n" of its power law, "effect.key" or "effect.key[i]" of its effects,
+        "release_angle" (of bob i, where `angles` are given: "release_angle[i]"), "theta[i]" and the like of an
+        `InitialState`. See `Trajectory.d_theta`. The run is bit for bit the same without them.
     progress : callable, optional
         Called about twice a second with the fraction of the run that is done.
 
@@ -78,7 +84,8 @@ def simulate(
     Raises
     ------
     ValueError
-        For impossible input, and for a run of more than 1e9 steps of single bobs.
+        For impossible input, and for a run of more than 1e9 steps of single bobs. For sensitivities of a cradle on
+        rigid strings, with forces of effects, or with contacts that are followed in time.
     SimulationError
         If the run cannot reach its end.
 
@@ -93,7 +100,8 @@ def simulate(
     ((101, 2), 1, 0.28)
     """
     wanted = sample_times(duration, sample_rate) if times is None else _checked_times(times)
-    return _run(cradle, release, wanted, ledger, check_range("tolerance", tolerance, "", *_TOLERANCES), progress)
+    check_range("tolerance", tolerance, "", *_TOLERANCES)
+    return _run(cradle, release, wanted, ledger, tolerance, progress, tuple(sensitivities))
 
 
 def simulate_batch(
@@ -218,6 +226,7 @@ def _run(
     ledger: bool,
     tolerance: float,
     progress: Callable[[float], None] | None = None,
+    names: tuple[str, ...] = (),
 ) -> Trajectory:
     check_stop()
     c, bobs, S, W = prepare(cradle, release, tolerance)
@@ -226,7 +235,11 @@ def _run(
     check_range("samples times bobs", len(times) * n, "", high=_MOST_BOB_SAMPLES, remedy="a run is held in memory")
     motion = np.empty((len(times), n, 4))
     energy = np.empty((len(times) if ledger else 0, n, 7))
-    impacts, count = np.empty((max(256, 64 * n), 4)), 0
+    impacts, count = np.empty((max(256, 64 * n), p.LOGGED if names else 4)), 0
+    begun = None
+    if names:  # the contacts that persist from the start show in the state once the run has begun
+        event_loop.run(c[0], bobs, table, S, W, -1.0, times, motion, energy, impacts, count)
+        begun = c, bobs, S.copy()
     while True:
         status, count = event_loop.run(c[0], bobs, table, S, W, end, times, motion, energy, impacts, count)
         if status == event_loop.FULL:
@@ -243,7 +256,14 @@ def _run(
         raise SimulationError(f"the run stopped at {S[:, p.T0].min():g} s of {end:g} s: {EXHAUSTED[status]}")
     rows = impact_rows(impacts[:count])
     theta, r, theta_dot, r_dot = np.moveaxis(motion, -1, 0)
-    return Trajectory(cradle, release, times, theta, r, theta_dot, r_dot, rows, energy if ledger else None)
+    run = Trajectory(cradle, release, times, theta, r, theta_dot, r_dot, rows, energy if ledger else None)
+    if begun is None:
+        return run
+    from cradle_env.sensitivities import differentiate  # its kernel compiles when first used
+
+    found = differentiate(names, cradle, release, lambda *of: prepare(*of)[:3], begun, table, impacts[:count], times)
+    d_theta, d_r, d_impact_times = (dict(zip(names, derivative, strict=True)) for derivative in found)
+    return dataclasses.replace(run, d_theta=d_theta, d_r=d_r, d_impact_times=d_impact_times)
 
 
 def impact_rows(impacts: np.ndarray) -> np.ndarray:

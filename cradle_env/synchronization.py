@@ -65,6 +65,24 @@ def sigma(t: np.ndarray, theta_n: np.ndarray, theta0: float | np.ndarray, period
     return np.abs(upper + lower) / lifted[..., None]
 
 
+def sigma_slope(
+    t: np.ndarray, theta_n: np.ndarray, theta0: float, period: float, d_theta_n: np.ndarray, d_theta0: float
+) -> np.ndarray:
+    """Derivative (T,) of `sigma` by a parameter, from those of θ_n (T,) and θ0: the envelopes move with the samples
+    that they touch. nan where one of these is not known."""
+    half = half_window(period, (t[-1] - t[0]) / (len(t) - 1))
+
+    def touched(x: np.ndarray) -> np.ndarray:
+        padded = np.pad(x, half, constant_values=-np.inf)
+        within = np.lib.stride_tricks.sliding_window_view(padded, 2 * half + 1)
+        return within.argmax(axis=-1) + np.arange(len(x)) - half
+
+    highest, lowest = touched(theta_n), touched(-theta_n)
+    both = theta_n[highest] + theta_n[lowest]
+    slope = np.sign(both) * (d_theta_n[highest] + d_theta_n[lowest])
+    return (slope - np.abs(both) / theta0 * d_theta0) / theta0
+
+
 def half_window(period: float, step: float) -> int:
     """Half the envelopes' window in samples that are `step` [s] apart; ValueError where these are too few."""
     half = round(0.5 * ENVELOPE_PERIODS * period / step)
@@ -119,3 +137,11 @@ def newton_exponent(t: np.ndarray, sigma: np.ndarray, window: tuple[float, float
     rate = -np.log(np.where(use, s, 1.0)) / t[inside]
     with np.errstate(invalid="ignore"):
         return np.sum(rate, axis=-1) / np.sum(use, axis=-1)
+
+
+def newton_exponent_slope(
+    t: np.ndarray, sigma: np.ndarray, d_sigma: np.ndarray, window: tuple[float, float] = WINDOW
+) -> float:
+    """Derivative of `newton_exponent` by a parameter, from that of σ (T,)."""
+    use = (t > window[0]) & (t <= window[1]) & (sigma > FLOOR)
+    return float(np.mean(-d_sigma[use] / (sigma[use] * t[use]))) if use.any() else np.nan

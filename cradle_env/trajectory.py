@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -11,7 +12,7 @@ from cradle_env import display, plotting, run_tables
 from cradle_env.cradle import Cradle
 from cradle_env.kernel_records import records
 from cradle_env.release import InitialState, Release
-from cradle_env.synchronization import WINDOW, newton_exponent, sigma
+from cradle_env.synchronization import WINDOW, newton_exponent, newton_exponent_slope, sigma, sigma_slope
 
 if TYPE_CHECKING:
     import pandas
@@ -64,6 +65,12 @@ class Trajectory:
         Rows of `IMPACT`: time [s], pair (i: bobs i and i + 1), approach speed [m/s], energy loss [J].
     ledger : ndarray, shape (T, N, 7), optional
         Energies [J] that `energy` sums up; None if the run kept none.
+    d_theta, d_r : mapping of str to ndarray, shape (T, N)
+        Derivatives of θ and r by each of the run's `sensitivities`, per its unit; nan from where on they do not exist,
+        or are not known: after a graze, after impacts whose order the parameter would decide, after an impact of three
+        bobs or more, where bobs stay in touch.
+    d_impact_times : mapping of str to ndarray, shape (M,)
+        Those of the instants of the impacts [s per unit].
 
     Examples
     --------
@@ -82,6 +89,9 @@ class Trajectory:
     r_dot: np.ndarray
     impacts: np.ndarray
     ledger: np.ndarray | None = None
+    d_theta: Mapping[str, np.ndarray] = field(default_factory=dict)
+    d_r: Mapping[str, np.ndarray] = field(default_factory=dict)
+    d_impact_times: Mapping[str, np.ndarray] = field(default_factory=dict)
 
     def lead(self) -> tuple[int, float]:
         """The lifted end bob.
@@ -144,6 +154,34 @@ class Trajectory:
             λ [1/s], nan if σ is nan; see `cradle_env.newton_exponent`.
         """
         return float(newton_exponent(self.t, self.sigma(), window))
+
+    @property
+    def d_sigma(self) -> dict[str, np.ndarray]:
+        """Derivatives of σ, (T,) each, by each of the run's `sensitivities`."""
+        end, theta0 = self.lead()
+        if not self._synchronizes():
+            return {name: np.full(len(self.t), np.nan) for name in self.d_theta}
+        return {
+            name: sigma_slope(
+                self.t, self.theta[:, end], theta0, self.cradle.period, slope[:, end], self._lead_slope(name, end)
+            )
+            for name, slope in self.d_theta.items()
+        }
+
+    @property
+    def d_newton_exponent(self) -> dict[str, float]:
+        """Derivatives of λ [1/s per unit], over the standard window, by each of the run's `sensitivities`."""
+        values = self.sigma()
+        return {name: newton_exponent_slope(self.t, values, slope) for name, slope in self.d_sigma.items()}
+
+    def _lead_slope(self, name: str, end: int) -> float:
+        """Derivative of θ0 of `lead`."""
+        if isinstance(self.release, Release):
+            angle = self.release.angles_of(self.cradle)[end]
+            return float(np.sign(angle)) if name in ("release_angle", f"release_angle[{end + 1}]") else 0.0
+        within = self.t <= self.t[0] + self.cradle.period
+        peak = int(np.abs(self.theta[within, end]).argmax())
+        return float(np.sign(self.theta[peak, end]) * self.d_theta[name][peak, end])
 
     def x(self) -> np.ndarray:
         """Horizontal positions of the bobs.

@@ -22,6 +22,8 @@ contact_detection   when two neighbours touch
 impact              impacts of two bobs, of a touching group, and contacts that become persistent
 initial_state       the state from which a run begins
 event_loop          the simulation loop
+tangent_lanes       those series on dual numbers: derivatives by start and forces
+tangents            derivatives of a run by parameters, through its impacts and string events
 spacer              the pivots in motion
 control_interval    one control interval of the environment
 """

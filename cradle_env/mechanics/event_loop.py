@@ -28,6 +28,9 @@ from cradle_env.mechanics.layout import (
     GRID,
     IMPACTS,
     LAST,
+    LEFT,
+    LEFT_LINK,
+    LEFT_WIDTH,
     LINK,
     LOSS,
     LOST,
@@ -47,6 +50,8 @@ from cradle_env.mechanics.layout import (
     SETTLED,
     SLACK,
     START,
+    STRUCK_FIRST,
+    STRUCK_LAST,
     T0,
     T1,
     TAUT,
@@ -75,7 +80,8 @@ def run(cradle, bobs, table, S, W, until, times, motion, energy, impacts, count)
 
     times (T,) s, ascending; motion (T, N, 4): theta, r, their rates; energy (T, N, 7) J: see `ledger.book`
     (or of length 0);
-    impacts (M, 4): time, pair from 0, approach speed, energy taken; the first `count` rows are in use.
+    impacts (M, 4): time, pair from 0, approach speed, energy taken; or (M, LOGGED), see `layout`; the first `count`
+    rows are in use.
     Returns (DONE | FULL | PAUSED | STALLED | NOT_FINITE, rows in use). After FULL the same call goes on; after PAUSED,
     once FLOWN is 0 again.
     """
@@ -299,4 +305,17 @@ def meet(cradle, bobs, table, S, W, p, times, motion, energy, impacts, count):
             regroup(cradle, bobs, S, W, lo, hi)
     for row in range(count, rows):
         impacts[row, 3] = W[int(impacts[row, 1]), LOSS]
+        if impacts.shape[1] > 4:
+            log(S, impacts, row, a, b)
     return lo, hi, rows
+
+
+@jit
+def log(S, impacts, row, a, b):
+    """Adds to a row of impacts that the bobs a..b-1 were struck as one, and how its two go on; see `layout.LOGGED`."""
+    p = int(impacts[row, 1])
+    impacts[row, STRUCK_FIRST], impacts[row, STRUCK_LAST], impacts[row, LEFT_LINK] = a, b, S[p, LINK]
+    for i in range(2):
+        c = LEFT + i * LEFT_WIDTH
+        for k in range(4):
+            impacts[row, c + k], impacts[row, c + 4 + k] = S[p + i, START + k], S[p + i, BRANCH + k]

@@ -189,3 +189,10 @@ CANDIDATE = CHAIN + 4 * 9  # 1: this contact may persist; 2: it presses
 LANES = _INT(CANDIDATE + 1)
 LANE_BOB, LANE_LATER, LANE_BRANCH = LANES + 4 * (21 + ORDER) + _INT([0, 4, 8])
 SCRATCH = int(LANE_BRANCH) + 4
+
+# Columns of a row of impacts: time [s], pair from 0, approach speed [m/s], energy taken [J]. Where the caller gives it
+# LOGGED columns, also the bobs struck as one, first and one past the last, the state of the pair after, and how each of
+# its bobs goes on: motion, branch and tension of its strings.
+STRUCK_FIRST, STRUCK_LAST, LEFT_LINK, LEFT = map(_INT, (4, 5, 6, 7))
+LEFT_WIDTH = _INT(8)
+LOGGED = int(LEFT + 2 * LEFT_WIDTH)

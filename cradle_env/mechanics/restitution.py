@@ -104,6 +104,26 @@ def restitution_of(table, A):
 
 
 @jit
+def restitution_slope(table, A):
+    """de/dA of `restitution_of`, A > 0: the slope of the interpolation itself."""
+    z = math.sqrt(A)
+    u = z / (1.0 + z)
+    x = u * _INTERVALS
+    first = min(max(int(x) - _STENCIL // 2 + 1, 0), _INTERVALS - _STENCIL)
+    slope = 0.0
+    for i in range(_STENCIL):
+        for k in range(_STENCIL):
+            if k != i:
+                weight = table[first + i, 0] / (i - k)
+                for j in range(_STENCIL):
+                    if j != i and j != k:
+                        weight *= (x - (first + j)) / (i - j)
+                slope += weight
+    by_u = _INTERVALS * slope * (1.0 - u) ** (10.0 / 3.0) - (10.0 / 3.0) * restitution_of(table, A) / (1.0 - u)
+    return by_u * (1.0 - u) ** 2 / (2.0 * z)
+
+
+@jit
 def dissipation(cradle, m_eff, v):
     """A of an impact at speed v [m/s] of a pair with reduced mass m_eff [kg]."""
     return cradle.k_f * cradle.k_el**-0.6 * m_eff**-0.4 * v**0.2

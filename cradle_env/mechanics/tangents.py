@@ -1,0 +1,334 @@
+"""Exact derivatives of a run by parameters: a second flight over the impacts of a run that is over.
+
+Between two impacts a bob flies alone, so each flight begins anew from the state in which the run left the impact
+before: it searches for no meetings and drifts from the run nowhere. The series of a segment on dual numbers gives its
+derivatives by state and forces; the chain rule, those by every parameter.
+
+At an event at t_e, found where g = 0, the state x changes by a map, x+ = m(x-). With D the derivatives of the state at
+fixed time and f its rates,
+
+    dt_e = -dg / g',    D+ = dm(D- + f- dt_e) - f+ dt_e.
+
+Where a string turns, goes slack or comes taut, the motion and its rates have no jump, so that only the memory of the
+string changes; and dt_e plays no part, for there either the stretch stands still or the tension is zero.
+
+References: Hiskens and Pai, IEEE Trans. Circuits Syst. I 47, 204 (2000); Müller, Chaos Solitons Fractals 5, 1671
+(1995).
+"""
+
+import math
+
+import numpy as np
+
+from cradle_env.mechanics.jit import entry, jit, part
+from cradle_env.mechanics.lanes import BEND, SLOPE, SQUARE, SQUARES, STEP, WIDTH
+from cradle_env.mechanics.layout import (
+    BRANCH,
+    GRID,
+    KUWABARA_KONO,
+    LANES,
+    LEFT,
+    LEFT_LINK,
+    LEFT_WIDTH,
+    LOADING,
+    OPEN,
+    POWER_LAW,
+    SAMPLED,
+    SLACK,
+    START,
+    STRUCK_FIRST,
+    STRUCK_LAST,
+    T0,
+    TENSION,
+    TURN,
+)
+from cradle_env.mechanics.restitution import dissipation, restitution, restitution_slope
+from cradle_env.mechanics.series_flight import PRESENT, crossing, load
+from cradle_env.mechanics.string_events import direction_after, loading, stretching, string_event, turned
+from cradle_env.mechanics.strings import tension
+from cradle_env.mechanics.tangent_lanes import (
+    AT,
+    AT_U,
+    AT_W,
+    AT_X,
+    AT_Z,
+    INPUTS,
+    evaluate,
+    evaluate_places,
+    expand_tangents,
+)
+
+# Derivatives of a bob's state by one parameter: x, z, their velocities, the coefficients of its strings' tension.
+MEMORY = np.int64(4)
+STATES = 7
+# Those of what stands in its record: place of the pivot, radial pull of its strings per tension and inertia, drag over
+# inertia, a^2, length of a string, fall, kappa, 1 / inertia.
+PIVOT, PULL, DAMPING, SPACING2, STRING, FALL, KAPPA, MOBILITY = range(8)
+BOB_FIELDS = 8
+# Those of what decides an impact: k_f k_el^-0.6, alpha and n of e = 1 - alpha v^n, a constant e, a bob's radius.
+STIFFNESS, ALPHA, EXPONENT, RESTITUTION, RADIUS = range(5)
+LAW_FIELDS = 5
+# An impact gentler than this [m/s] is a graze: its instant has no derivative.
+_GRAZE = 1e-6
+# Bobs struck as one are struck at one instant for other values of a parameter too if their gaps change by less than
+# this part of what the places of the bobs change by.
+_TOGETHER = 1e-6
+_LANE = np.int64(0)
+
+
+@entry
+def differentiate(cradle, bobs, table, S, W, sheet, inputs, impacts, times, until, law, fields, D, theta, r, instants):
+    """Derivatives by P parameters of a run that began with the state S and had these impacts (M, LOGGED).
+
+    law (P, LAW_FIELDS), fields (N, P, BOB_FIELDS) and D (N, P, STATES): derivatives of the cradle's record, the bobs'
+    and the start, nan where they do not exist. S and D are lost; W, sheet (SHEET,), inputs (P, INPUTS): scratch. Fills
+    theta and r (P, T, N) and instants (P, M).
+    """
+    row = 0
+    while row < len(impacts):
+        lo, hi, t = int(impacts[row, STRUCK_FIRST]), int(impacts[row, STRUCK_LAST]), impacts[row, 0]
+        for i in range(lo, hi):
+            fly(cradle, bobs[i], S, W, sheet, inputs, i, t, np.False_, times, fields[i], D[i], theta, r)
+        strike(cradle, bobs, table, S, impacts, row, lo, hi, law, fields, D, instants)
+        row += hi - lo - 1
+    for i in range(len(bobs)):
+        fly(cradle, bobs[i], S, W, sheet, inputs, i, until, np.True_, times, fields[i], D[i], theta, r)
+
+
+@jit
+def fly(cradle, bob, S, W, sheet, inputs, i, until, inclusive, times, fields, D, theta, r):
+    """Flies bob i alone to `until` [s] and takes the samples due before."""
+    k = int(S[i, SAMPLED])
+    while S[i, T0] < until:
+        load(cradle, bob, S, W, _LANE, i, PRESENT)
+        expand_tangents(W, LANES, sheet)
+        vary_inputs(bob, S, i, fields, D, inputs)
+        start = S[i, T0]
+        h, cause = segment(cradle, bob, S[i, BRANCH], W)
+        end = start + h
+        if end >= until:
+            end, cause = until, GRID
+        while k < len(times) and (times[k] < end or (inclusive and times[k] == until == end)):
+            evaluate_places(sheet, times[k] - start)
+            sample(sheet, inputs, i, k, theta, r)
+            k += 1
+        evaluate(sheet, end - start)
+        arrive(bob, S, i, end, sheet, inputs, fields, D)
+        if cause != GRID:
+            turn_string(cradle, bob, S, i, direction_after(S[i, BRANCH], cause), fields, D)
+    while inclusive and k < len(times):
+        for q in range(len(D)):  # of an instant that is the last event's too
+            theta[q, k, i], r[q, k, i] = math.nan, math.nan
+        k += 1
+    S[i, SAMPLED] = k
+
+
+@part
+def vary_inputs(bob, S, i, fields, D, inputs):
+    """Derivatives of the inputs of `tangent_lanes` by the parameters, for the segment that begins at START."""
+    pull = bob.grip * bob.mobility
+    for q in range(len(D)):
+        inputs[q, 0], inputs[q, 1] = D[q, 0] - fields[q, PIVOT], D[q, 1]
+        inputs[q, 2], inputs[q, 3] = D[q, 2], D[q, 3]
+        for k in range(3):
+            inputs[q, 4 + k] = fields[q, PULL] * S[i, TENSION + k] + pull * D[q, MEMORY + k]
+        inputs[q, 7], inputs[q, 8], inputs[q, 9] = fields[q, DAMPING], fields[q, SPACING2], fields[q, STRING]
+        inputs[q, 10], inputs[q, 11] = fields[q, FALL], 0.0
+
+
+@part
+def segment(cradle, bob, branch, W):
+    """(length [s], cause of its end) of the segment in the first lane: its step, or the first event of the string."""
+    row, straight = W[0, LANES:], bob.length * bob.length
+    h = row[WIDTH * STEP]
+    end, cause = string_event(
+        cradle, bob, branch, h,
+        0.5 * (row[WIDTH * SQUARES] - straight), 0.5 * row[WIDTH * (SQUARES + 1)], row[WIDTH * (SQUARES + 2)],
+        0.5 * (row[WIDTH * SQUARE] - straight), 0.5 * row[WIDTH * SLOPE], 0.5 * row[WIDTH * BEND],
+    )  # fmt: skip
+    if cause != GRID:
+        end = crossing(row, cause, stretching(branch) if cause != TURN else loading(branch), straight, end, h)
+        if end == h:
+            cause = GRID
+    return end, cause
+
+
+@jit
+def by_parameter(sheet, column, inputs, q):
+    """Derivative by parameter q of what has its derivatives by the inputs in a sheet from this column on."""
+    total = 0.0
+    for k in range(INPUTS):
+        total += sheet[column + k] * inputs[q, k]
+    return total
+
+
+@part
+def sample(sheet, inputs, i, k, theta, r):
+    """Takes sample k of bob i where the sheet stands."""
+    x, z = sheet[AT], sheet[AT + 1]
+    r2 = x * x + z * z
+    for q in range(len(inputs)):
+        dx, dz = by_parameter(sheet, AT_X, inputs, q), by_parameter(sheet, AT_Z, inputs, q)
+        theta[q, k, i], r[q, k, i] = (x * dz - z * dx) / r2, (x * dx + z * dz) / math.sqrt(r2)
+
+
+@part
+def arrive(bob, S, i, t, sheet, inputs, fields, D):
+    """Makes the motion where the sheet stands bob i's new start at t [s], with its derivatives."""
+    S[i, T0] = t
+    S[i, START], S[i, START + 1] = sheet[AT] + bob.pivot, sheet[AT + 1]
+    S[i, START + 2], S[i, START + 3] = sheet[AT + 2], sheet[AT + 3]
+    for q in range(len(D)):
+        D[q, 0] = by_parameter(sheet, AT_X, inputs, q) + fields[q, PIVOT]
+        D[q, 1] = by_parameter(sheet, AT_Z, inputs, q)
+        D[q, 2], D[q, 3] = by_parameter(sheet, AT_U, inputs, q), by_parameter(sheet, AT_W, inputs, q)
+
+
+@jit
+def turn_string(cradle, bob, S, i, direction, fields, D):
+    """Switches the branch of bob i's strings for a stretch that goes in `direction`."""
+    branch, t0, t1, t2 = turned(
+        cradle, bob, S[i, BRANCH], S[i, TENSION], S[i, TENSION + 1], S[i, TENSION + 2], S[i, T0], S, i, START, direction
+    )
+    for q in range(len(D)):
+        vary_memory(bob, S, i, branch, fields[q], D[q])
+    S[i, BRANCH], S[i, TENSION], S[i, TENSION + 1], S[i, TENSION + 2] = branch, t0, t1, t2
+
+
+@jit
+def vary_memory(bob, S, i, branch, fields, D):
+    """Derivatives of the tension's coefficients on the branch that follows, from those of the place D[0], D[1] where it
+    begins."""
+    before = S[i, BRANCH]
+    if branch == before:
+        return
+    if branch == SLACK or before == SLACK:
+        D[MEMORY], D[MEMORY + 1], D[MEMORY + 2] = 0.0, fields[KAPPA] if branch == LOADING else 0.0, 0.0
+        return
+    x, z = S[i, START] - bob.pivot, S[i, START + 1]
+    t0, t1, t2 = S[i, TENSION], S[i, TENSION + 1], S[i, TENSION + 2]
+    along = math.sqrt(x * x + z * z + bob.half_spacing * bob.half_spacing)
+    s = along - bob.string
+    ds = (x * (D[0] - fields[PIVOT]) + z * D[1] + 0.5 * fields[SPACING2]) / along - fields[STRING]
+    pull = tension(t0, t1, t2, s)
+    d_pull = D[MEMORY] + s * (D[MEMORY + 1] + s * D[MEMORY + 2]) + (t1 + 2.0 * t2 * s) * ds
+    if branch == LOADING:
+        D[MEMORY], D[MEMORY + 1], D[MEMORY + 2] = d_pull - fields[KAPPA] * s - bob.kappa * ds, fields[KAPPA], 0.0
+    else:
+        D[MEMORY], D[MEMORY + 1], D[MEMORY + 2] = 0.0, 0.0, (d_pull - 2.0 * pull * ds / s) / (s * s)
+
+
+@jit
+def strike(cradle, bobs, table, S, impacts, row, lo, hi, law, fields, D, instants):
+    """The impact of the bobs lo..hi-1 in the rows of impacts from `row` on: derivatives of its instant and of what
+    follows. S goes on as the run did."""
+    lead, closing = lo, 0.0  # the pair that meets fastest sets the instant
+    for p in range(lo, hi - 1):
+        v_n = line_of_centres(S, p)[3]
+        if v_n < closing:
+            lead, closing = p, v_n
+    for q in range(len(law)):
+        dt = instant(S, lead, law[q], D[lead, q], D[lead + 1, q])
+        if closing > -_GRAZE or not all_at(S, lo, hi, dt, q, law, D):
+            dt = math.nan
+        for p in range(lo, hi - 1):
+            instants[q, row + p - lo] = dt
+            if impacts[row + p - lo, LEFT_LINK] != OPEN or hi - lo > 2:
+                dt = math.nan
+        for i in range(lo, hi):
+            shift(bobs[i], S, i, dt, D[i, q])
+        collide(cradle, bobs, table, S, lo, q, law[q], fields, D)
+    for i in range(lo, hi):
+        c = LEFT if i < hi - 1 else LEFT + LEFT_WIDTH
+        here = row + min(i, hi - 2) - lo
+        for q in range(len(law)):
+            vary_memory(bobs[i], S, i, impacts[here, c + 4], fields[i, q], D[i, q])
+        for k in range(4):
+            S[i, START + k], S[i, BRANCH + k] = impacts[here, c + k], impacts[here, c + 4 + k]
+        for q in range(len(law)):
+            shift(bobs[i], S, i, -instants[q, row], D[i, q])
+
+
+@jit
+def line_of_centres(S, p):
+    """(distance, n_x, n_z, opening speed, dv_x, dv_z) of bobs p and p + 1."""
+    dx, dz = S[p + 1, START] - S[p, START], S[p + 1, START + 1] - S[p, START + 1]
+    vx, vz = S[p + 1, START + 2] - S[p, START + 2], S[p + 1, START + 3] - S[p, START + 3]
+    distance = math.sqrt(dx * dx + dz * dz)
+    nx, nz = dx / distance, dz / distance
+    return distance, nx, nz, nx * vx + nz * vz, vx, vz
+
+
+@jit
+def gap_slope(S, p, law, D0, D1):
+    """Derivative of the gap of pair p at fixed time."""
+    _, nx, nz, _, _, _ = line_of_centres(S, p)
+    return nx * (D1[0] - D0[0]) + nz * (D1[1] - D0[1]) - 2.0 * law[RADIUS]
+
+
+@jit
+def instant(S, p, law, D0, D1):
+    """Derivative of the instant at which pair p meets."""
+    return -gap_slope(S, p, law, D0, D1) / line_of_centres(S, p)[3]
+
+
+@jit
+def all_at(S, lo, hi, dt, q, law, D):
+    """Whether all pairs of the bobs lo..hi-1 still meet at one instant, which moves by dt, as parameter q varies."""
+    for p in range(lo, hi - 1):
+        scale = abs(D[p, q, 0]) + abs(D[p + 1, q, 0]) + abs(D[p, q, 1]) + abs(D[p + 1, q, 1]) + abs(law[q, RADIUS])
+        apart = gap_slope(S, p, law[q], D[p, q], D[p + 1, q]) + line_of_centres(S, p)[3] * dt
+        if abs(apart) > _TOGETHER * scale:
+            return False
+    return True
+
+
+@jit
+def shift(bob, S, i, dt, D):
+    """Derivatives of bob i's motion at an instant that moves by dt, from those at fixed time."""
+    x, z, vx, vz = S[i, START] - bob.pivot, S[i, START + 1], S[i, START + 2], S[i, START + 3]
+    r2 = x * x + z * z
+    s = math.sqrt(r2 + bob.half_spacing * bob.half_spacing) - bob.string
+    pull = bob.grip * bob.mobility * tension(S[i, TENSION], S[i, TENSION + 1], S[i, TENSION + 2], s) / math.sqrt(r2)
+    drag = bob.b * bob.mobility
+    D[0] += vx * dt
+    D[1] += vz * dt
+    D[2] -= (pull * x + drag * vx) * dt
+    D[3] -= (pull * z + drag * vz + bob.fall) * dt
+
+
+@jit
+def collide(cradle, bobs, table, S, p, q, law, fields, D):
+    """Derivatives by parameter q of the velocities after an impact of bobs p and p + 1 at their meeting, from those
+    before."""
+    distance, nx, nz, v_n, vx, vz = line_of_centres(S, p)
+    D0, D1 = D[p, q], D[p + 1, q]
+    dx, dz = D1[0] - D0[0], D1[1] - D0[1]
+    along = nx * dx + nz * dz
+    d_nx, d_nz = (dx - along * nx) / distance, (dz - along * nz) / distance
+    d_v = d_nx * vx + d_nz * vz + nx * (D1[2] - D0[2]) + nz * (D1[3] - D0[3])
+
+    mobility = bobs[p].mobility + bobs[p + 1].mobility
+    d_mobility = (fields[p, q, MOBILITY] + fields[p + 1, q, MOBILITY]) / mobility
+    e = restitution(cradle, table, 1.0 / mobility, -v_n)
+    impulse = -(1.0 + e) * v_n / mobility
+    d_e = restitution_by_parameter(cradle, table, 1.0 / mobility, -v_n, d_v / v_n, -d_mobility, law)
+    d_impulse = -(d_e * v_n + (1.0 + e) * d_v) / mobility - impulse * d_mobility
+    jx, jz = d_impulse * nx + impulse * d_nx, d_impulse * nz + impulse * d_nz
+    D0[2] -= jx * bobs[p].mobility + impulse * nx * fields[p, q, MOBILITY]
+    D0[3] -= jz * bobs[p].mobility + impulse * nz * fields[p, q, MOBILITY]
+    D1[2] += jx * bobs[p + 1].mobility + impulse * nx * fields[p + 1, q, MOBILITY]
+    D1[3] += jz * bobs[p + 1].mobility + impulse * nz * fields[p + 1, q, MOBILITY]
+
+
+@jit
+def restitution_by_parameter(cradle, table, m_eff, v, d_v, d_m, law):
+    """Derivative of e by a parameter; d_v and d_m: those of the logarithms of v and m_eff."""
+    if cradle.law == KUWABARA_KONO:
+        A = dissipation(cradle, m_eff, v)
+        d_A = law[STIFFNESS] * m_eff**-0.4 * v**0.2 + A * (0.2 * d_v - 0.4 * d_m)
+        return restitution_slope(table, A) * d_A
+    if cradle.law == POWER_LAW:
+        lost = cradle.alpha * v**cradle.exponent
+        return -law[ALPHA] * v**cradle.exponent - lost * (law[EXPONENT] * math.log(v) + cradle.exponent * d_v)
+    return law[RESTITUTION]

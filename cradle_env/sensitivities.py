@@ -1,0 +1,199 @@
+"""Derivatives of a run by named parameters: what is theirs in the records and at the start, and what follows."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from cradle_env.cradle import FIELDS, Cradle
+from cradle_env.effects import CATALOGUE
+from cradle_env.effects.elements import element_of
+from cradle_env.errors import unknown_key
+from cradle_env.mechanics import layout as p
+from cradle_env.mechanics import tangents
+from cradle_env.mechanics.tangent_lanes import INPUTS, SHEET, TANGENT_ORDER
+from cradle_env.release import InitialState, Release
+
+Start = Release | InitialState
+#: Records and state at the start of a run: (cradle (1,), bobs (N,), S (N, COLUMNS)).
+Prepared = tuple[np.ndarray, np.ndarray, np.ndarray]
+
+# Step of the differences of records and start, which are smooth and exact to rounding, as a part of a parameter's size.
+_STEP = 1e-3
+# Sizes of parameters that may be 0.
+_SIZES = {"b": 1e-3, "k_f": 1e3, "delta": 1e-2, "poisson_ratio": 0.1, "pivot_half_spacing": 0.1}
+# Half the step leaves a quarter of a smooth function's second difference, but half of that of a kink; and rounding.
+_KINK, _ROUNDING = 0.375, 1e-13
+
+
+def supported(c: np.ndarray) -> str:
+    """Why runs of a cradle with this record have no derivatives; empty where they have."""
+    if not c["series"][0]:
+        return "they cover elastic strings with linear drag, and no effect that acts along the way or between bobs"
+    if c["contact_scale"][0] > 0.0 or c["departure_speed"][0] != 0.0:
+        return "they cover instantaneous impacts under eq. 1, a power law or a constant restitution"
+    return ""
+
+
+def differentiate(
+    names: Sequence[str],
+    cradle: Cradle,
+    release: Start,
+    prepare: Callable[[Cradle, Start], Prepared],
+    begun: Prepared,
+    table: np.ndarray,
+    impacts: np.ndarray,
+    times: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Derivatives (P, T, N) of θ and r at the sample times and (P, M) of the instants of the impacts (M, LOGGED), per
+    unit of each of P parameters; nan where they do not exist.
+
+    prepare: records and start of a cradle and release; begun: those of this run.
+    """
+    c, bobs, S = begun
+    if refused := supported(c):
+        raise ValueError(f"sensitivities of this cradle are not known: {refused}; leave them out")
+    law, fields, D = _of_start(names, cradle, release, prepare)
+    D[:, :][S[:, p.LINK] != p.OPEN] = np.nan
+    D[1:][S[:-1, p.LINK] != p.OPEN] = np.nan
+    coarser = c.copy()
+    coarser["tolerance"] **= TANGENT_ORDER / p.ORDER
+    W, sheet, inputs = np.zeros((len(bobs), p.SCRATCH)), np.zeros(SHEET), np.zeros((len(names), INPUTS))
+    theta = np.empty((len(names), len(times), len(bobs)))
+    r, instants = np.empty_like(theta), np.empty((len(names), len(impacts)))
+    tangents.differentiate(
+        coarser[0], bobs, table, S, W, sheet, inputs, impacts, times, float(times[-1]),
+        law, fields, D, theta, r, instants,
+    )  # fmt: skip
+    return theta, r, instants
+
+
+def _of_start(
+    names: Sequence[str], cradle: Cradle, release: Start, prepare: Callable[[Cradle, Start], Prepared]
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Derivatives of the law of impacts (P, LAW_FIELDS), of the bobs' records (N, P, BOB_FIELDS) and of the start
+    (N, P, STATES)."""
+    n, split = cradle.bobs, np.cumsum([tangents.LAW_FIELDS, cradle.bobs * tangents.BOB_FIELDS])
+    law, fields, D = [], [], []
+    for name in names:
+        value, size, varied = _parameter(name, cradle, release)
+        slopes = _slopes(lambda x, varied=varied: _numbers(*prepare(*varied(x))), value, _STEP * size)
+        of_law, of_bobs, of_start = np.split(slopes, split)
+        law.append(of_law)
+        fields.append(of_bobs.reshape(n, tangents.BOB_FIELDS))
+        D.append(of_start.reshape(n, tangents.STATES))
+    return np.array(law), np.stack(fields, axis=1), np.stack(D, axis=1)
+
+
+def _numbers(c: np.ndarray, bobs: np.ndarray, S: np.ndarray) -> np.ndarray:
+    """All that `mechanics.tangents` needs the derivatives of, in a row."""
+    law = [c["k_f"][0] * c["k_el"][0] ** -0.6, c["alpha"][0], c["exponent"][0], c["restitution"][0], c["radius"][0]]
+    fields = [
+        bobs["pivot"],
+        bobs["grip"] * bobs["mobility"],
+        bobs["b"] * bobs["mobility"],
+        bobs["half_spacing"] ** 2,
+        bobs["string"],
+        bobs["fall"],
+        bobs["kappa"],
+        bobs["mobility"],
+    ]
+    start = np.concatenate([S[:, p.START : p.START + 4], S[:, p.TENSION : p.TENSION + 3]], axis=1)
+    return np.concatenate([law, np.stack(fields, axis=1).ravel(), start.ravel()])
+
+
+def _slopes(numbers: Callable[[float], np.ndarray], x: float, h: float) -> np.ndarray:
+    """Derivatives of smooth numbers at x, differences of order 4: central, or one-sided at a bound. nan, all of them,
+    where there is a kink."""
+    here = numbers(x)
+    for side in (0.0, 1.0, -1.0):
+        try:
+            if side == 0.0:
+                ahead, behind, near_ahead, near_behind = (numbers(x + k * h) for k in (1.0, -1.0, 0.5, -0.5))
+                bend, near_bend = ahead - 2.0 * here + behind, near_ahead - 2.0 * here + near_behind
+                kink = np.abs(near_bend) > _KINK * np.abs(bend) + _ROUNDING * np.abs(here)
+                slopes = (8.0 * (near_ahead - near_behind) - (ahead - behind)) / (6.0 * h)
+                return np.full(len(here), np.nan) if kink.any() else slopes
+            step = side * h
+            at = [numbers(x + k * step) for k in range(1, 5)]
+            return (-25.0 * here + 48.0 * at[0] - 36.0 * at[1] + 16.0 * at[2] - 3.0 * at[3]) / (12.0 * step)
+        except ValueError:  # beyond a bound
+            continue
+    return np.full(len(here), np.nan)
+
+
+def _parameter(
+    name: str, cradle: Cradle, release: Start
+) -> tuple[float, float, Callable[[float], tuple[Cradle, Start]]]:
+    """(value, size, function of its value that gives cradle and release) of a parameter by name."""
+    of, dot, key = name.partition(".")
+    if dot:
+        return _effect_parameter(name, of, key, cradle, release)
+    field, element = element_of(name)
+    if field in ("release_angle", *_STATE_FIELDS):
+        return _start_parameter(name, field, element, cradle, release)
+    if field in ("alpha", "n") and cradle.power_law is not None and element is None:
+        k = ("alpha", "n").index(field)
+        both = cradle.power_law
+        return (
+            both[k],
+            max(abs(both[k]), 1e-2),
+            lambda x: (
+                cradle.replace(power_law=(x, both[1]) if k == 0 else (both[0], x)),
+                release,
+            ),
+        )
+    if field == "delta" and (element is not None or not isinstance(cradle.delta, tuple)):
+        gaps = np.broadcast_to(np.asarray(cradle.delta, dtype=float), cradle.bobs - 1)
+        chosen = np.ones(len(gaps)) if element is None else np.eye(len(gaps))[element]
+        return 0.0, _SIZES["delta"], lambda x: (cradle.replace(delta=tuple(gaps + x * chosen)), release)
+    if name not in FIELDS or name == "delta":
+        known = [*FIELDS, "alpha", "n", "release_angle", *_STATE_FIELDS]
+        raise ValueError(unknown_key("sensitivity", name, known) + "; effects by effect.key")
+    value = float(getattr(cradle, name))
+    return value, max(abs(value), _SIZES.get(name, 0.0)), lambda x: (cradle.replace(**{name: x}), release)
+
+
+def _effect_parameter(name: str, of: str, key: str, cradle: Cradle, release: Start):
+    effect = next((e for e in CATALOGUE if e.name == of), None)
+    field, element = element_of(key)
+    known = {} if effect is None else {q.key: q for q in effect.parameters}
+    if of not in cradle.effects or field not in known:
+        listed = [f"{e.name}.{q.key}" for e in cradle.composition for q in e.parameters if e.name in cradle.effects]
+        raise ValueError(unknown_key("sensitivity", name, listed) + "; the cradle must have the effect")
+    value = float(np.atleast_1d(cradle.effects[of][field])[max(element or 0, 0)])
+    size = max(abs(value), abs(known[field].scale))
+    return value, size, lambda x: (cradle.with_values({name: x}), release)
+
+
+#: Fields of an `InitialState`, one number a bob.
+_STATE_FIELDS = ("theta", "theta_dot", "r", "r_dot", "tension_ratio")
+
+
+def _angle_size(angle: float) -> float:
+    return max(abs(angle), 1e-3)
+
+
+def _start_parameter(name: str, field: str, element: int | None, cradle: Cradle, release: Start):
+    if isinstance(release, Release):
+        if field == "release_angle" and element is None and release.angle is not None:
+            return release.angle, _angle_size(release.angle), lambda x: (cradle, dataclasses.replace(release, angle=x))
+        if field == "release_angle" and element is not None and element + 1 in (release.angles or {}):
+            angles = dict(release.angles or {})
+            bob = element + 1
+            return (
+                angles[bob],
+                _angle_size(angles[bob]),
+                lambda x: (cradle, dataclasses.replace(release, angles={**angles, bob: x})),
+            )
+        listed = ["release_angle"] if release.angles is None else [f"release_angle[{bob}]" for bob in release.angles]
+        raise ValueError(unknown_key("sensitivity", name, listed) + " of this release")
+    given = getattr(release, field, None)
+    if given is None or element is None or not 0 <= element < len(given):
+        listed = [f"{f}[{i + 1}]" for f in _STATE_FIELDS if getattr(release, f) is not None for i in range(cradle.bobs)]
+        raise ValueError(unknown_key("sensitivity", name, listed) + " of this initial state")
+    array, chosen = np.asarray(given, dtype=float), np.eye(cradle.bobs)[element]
+    size = {"r": cradle.length, "r_dot": 0.1}.get(field, 1.0)
+    return 0.0, size, lambda x: (cradle, dataclasses.replace(release, **{field: array + x * chosen}))
