@@ -11,6 +11,7 @@ from cradle_env.cradle import FIELDS, Cradle
 from cradle_env.effects import CATALOGUE
 from cradle_env.effects.elements import element_of
 from cradle_env.errors import unknown_key
+from cradle_env.kernel_records import records
 from cradle_env.mechanics import layout as p
 from cradle_env.mechanics import tangents
 from cradle_env.mechanics.tangent_lanes import INPUTS, SHEET, TANGENT_ORDER
@@ -18,10 +19,14 @@ from cradle_env.release import InitialState, Release
 
 Start = Release | InitialState
 #: Records and state at the start of a run: (cradle (1,), bobs (N,), S (N, COLUMNS)).
-Prepared = tuple[np.ndarray, np.ndarray, np.ndarray]
+Begun = tuple[np.ndarray, np.ndarray, np.ndarray]
+#: Function of records, cradle and release that gives the state at the start of a run, and scratch.
+Begin = Callable[[np.ndarray, np.ndarray, Cradle, Start], tuple[np.ndarray, np.ndarray]]
 
 # Step of the differences of records and start, which are smooth and exact to rounding, as a part of a parameter's size.
 _STEP = 1e-3
+# Fields of a cradle that stand in the records as they are, and nothing else but the step depends on them.
+_RECORDED = ("k_f", "kappa", "b")
 # Sizes of parameters that may be 0.
 _SIZES = {"b": 1e-3, "k_f": 1e3, "delta": 1e-2, "poisson_ratio": 0.1, "pivot_half_spacing": 0.1}
 # Half the step leaves a quarter of a smooth function's second difference, but half of that of a kink; and rounding.
@@ -41,8 +46,8 @@ def differentiate(
     names: Sequence[str],
     cradle: Cradle,
     release: Start,
-    prepare: Callable[[Cradle, Start], Prepared],
-    begun: Prepared,
+    begin: Begin,
+    begun: Begun,
     table: np.ndarray,
     impacts: np.ndarray,
     times: np.ndarray,
@@ -50,12 +55,12 @@ def differentiate(
     """Derivatives (P, T, N) of θ and r at the sample times and (P, M) of the instants of the impacts (M, LOGGED), per
     unit of each of P parameters; nan where they do not exist.
 
-    prepare: records and start of a cradle and release; begun: those of this run.
+    begun: records and state of this run.
     """
     c, bobs, S = begun
     if refused := supported(c):
         raise ValueError(f"sensitivities of this cradle are not known: {refused}; leave them out")
-    law, fields, D = _of_start(names, cradle, release, prepare)
+    law, fields, D = _of_start(names, cradle, release, begin, c, bobs)
     D[:, :][S[:, p.LINK] != p.OPEN] = np.nan
     D[1:][S[:-1, p.LINK] != p.OPEN] = np.nan
     coarser = c.copy()
@@ -71,16 +76,27 @@ def differentiate(
 
 
 def _of_start(
-    names: Sequence[str], cradle: Cradle, release: Start, prepare: Callable[[Cradle, Start], Prepared]
+    names: Sequence[str], cradle: Cradle, release: Start, begin: Begin, c: np.ndarray, bobs: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Derivatives of the law of impacts (P, LAW_FIELDS), of the bobs' records (N, P, BOB_FIELDS) and of the start
     (N, P, STATES)."""
     n, split = cradle.bobs, np.cumsum([tangents.LAW_FIELDS, cradle.bobs * tangents.BOB_FIELDS])
     law, fields, D = [], [], []
+    here = _numbers(c, bobs, begin(c, bobs, cradle, release)[0])
     for name in names:
         value, size, varied = _parameter(name, cradle, release)
-        slopes = _slopes(lambda x, varied=varied: _numbers(*prepare(*varied(x))), value, _STEP * size)
-        of_law, of_bobs, of_start = np.split(slopes, split)
+
+        def numbers(x: float, name=name, varied=varied) -> np.ndarray:
+            if name in _RECORDED and x >= 0.0:  # a fifth of the time that records of another cradle take
+                of_cradle, of_bobs = c.copy(), bobs.copy()
+                (of_cradle if name == "k_f" else of_bobs)[name] = x
+                return _numbers(of_cradle, of_bobs, begin(of_cradle, of_bobs, cradle, release)[0])
+            other, start = varied(x)
+            same = other is cradle
+            of_cradle, of_bobs = (c, bobs) if same else records(other)
+            return _numbers(of_cradle, of_bobs, begin(of_cradle, of_bobs, other, start)[0])
+
+        of_law, of_bobs, of_start = np.split(_slopes(numbers, here, value, _STEP * size), split)
         law.append(of_law)
         fields.append(of_bobs.reshape(n, tangents.BOB_FIELDS))
         D.append(of_start.reshape(n, tangents.STATES))
@@ -104,10 +120,9 @@ def _numbers(c: np.ndarray, bobs: np.ndarray, S: np.ndarray) -> np.ndarray:
     return np.concatenate([law, np.stack(fields, axis=1).ravel(), start.ravel()])
 
 
-def _slopes(numbers: Callable[[float], np.ndarray], x: float, h: float) -> np.ndarray:
-    """Derivatives of smooth numbers at x, differences of order 4: central, or one-sided at a bound. nan, all of them,
-    where there is a kink."""
-    here = numbers(x)
+def _slopes(numbers: Callable[[float], np.ndarray], here: np.ndarray, x: float, h: float) -> np.ndarray:
+    """Derivatives of smooth numbers at x, where they are `here`, by differences of order 4: central, or one-sided at a
+    bound. nan, all of them, where there is a kink."""
     for side in (0.0, 1.0, -1.0):
         try:
             if side == 0.0:

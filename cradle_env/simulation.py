@@ -182,6 +182,11 @@ def _checked_times(times: np.ndarray) -> np.ndarray:
 def prepare(cradle: Cradle, release: Release | InitialState, tolerance: float = TOLERANCE):
     """Records and state at t = 0, ready for the kernels: (cradle record, bobs, state, scratch)."""
     c, bobs = records(cradle, tolerance)
+    return c, bobs, *_begin(c, bobs, cradle, release)
+
+
+def _begin(c: np.ndarray, bobs: np.ndarray, cradle: Cradle, release: Release | InitialState):
+    """State at t = 0, and scratch, of a cradle with these records."""
     S, W = np.zeros((cradle.bobs, p.COLUMNS)), np.zeros((cradle.bobs, p.SCRATCH))
     if isinstance(release, Release):
         overlap = initial_state.at_rest(c[0], bobs, release.angles_of(cradle), release.start == "hanging", S, W)
@@ -193,7 +198,7 @@ def prepare(cradle: Cradle, release: Release | InitialState, tolerance: float = 
         remedy = "give angles at which they hang side by side"
     if overlap > 1e-6:
         raise ValueError(f"bobs overlap by {overlap:.2g} m at the release; {remedy}")
-    return c, bobs, S, W
+    return S, W
 
 
 # What an initial state can be: nothing is nearer its pivot, and no string pulls more than on its virgin line, but for
@@ -261,7 +266,7 @@ def _run(
         return run
     from cradle_env.sensitivities import differentiate  # its kernel compiles when first used
 
-    found = differentiate(names, cradle, release, lambda *of: prepare(*of)[:3], begun, table, impacts[:count], times)
+    found = differentiate(names, cradle, release, _begin, begun, table, impacts[:count], times)
     d_theta, d_r, d_impact_times = (dict(zip(names, derivative, strict=True)) for derivative in found)
     return dataclasses.replace(run, d_theta=d_theta, d_r=d_r, d_impact_times=d_impact_times)
 

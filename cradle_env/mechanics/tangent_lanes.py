@@ -27,14 +27,14 @@ from cradle_env.mechanics.lanes import (
     _data,
     _horner,
     _load,
+    _numbers,
     _spread,
     _store,
 )
 from cradle_env.mechanics.layout import ORDER
 
-#: Order of the series: derivatives to some 1e-9 of their size.
-TANGENT_ORDER = 14
-# What a segment may leave out of the motion, over what it may at ORDER: as its root, so that steps stay what they are.
+#: Order of the series: derivatives to 1e-7 of their size and better.
+TANGENT_ORDER = 12
 INPUTS = 12
 _VECTORS = INPUTS // WIDTH
 # Which input each of the eight fields of `taylor.Forces` is, behind the four of the start; wind is none.
@@ -170,3 +170,23 @@ def _evaluation(with_velocities):
 
 
 evaluate_places, evaluate = _evaluation(False), _evaluation(True)
+
+
+@intrinsic
+def by_parameter(typing, sheet, column, inputs, q):
+    """Derivative by parameter q of what has its derivatives by the inputs in a sheet from this column on; inputs
+    (P, INPUTS): the derivatives of these by the parameters."""
+
+    def codegen(context, builder, signature, arguments):
+        sheet, column, inputs, q = arguments
+        by_input = builder.gep(_data(context, builder, signature.args[0], sheet), [column])
+        row = builder.mul(q, ir.Constant(q.type, INPUTS))
+        of_inputs = builder.gep(_data(context, builder, signature.args[2], inputs), [row])
+        products = [
+            Lanes(builder, _load(builder, by_input, k)) * Lanes(builder, _load(builder, of_inputs, k))
+            for k in range(0, INPUTS, WIDTH)
+        ]
+        a, b, c, d = _numbers(builder, products[0] + products[1] + products[2])
+        return builder.fadd(builder.fadd(a, b), builder.fadd(c, d))
+
+    return types.float64(sheet, types.int64, inputs, types.int64), codegen

@@ -52,7 +52,7 @@ from cradle_env.mechanics.tangent_lanes import (
     AT_W,
     AT_X,
     AT_Z,
-    INPUTS,
+    by_parameter,
     evaluate,
     evaluate_places,
     expand_tangents,
@@ -151,15 +151,6 @@ def segment(cradle, bob, branch, W):
         if end == h:
             cause = GRID
     return end, cause
-
-
-@jit
-def by_parameter(sheet, column, inputs, q):
-    """Derivative by parameter q of what has its derivatives by the inputs in a sheet from this column on."""
-    total = 0.0
-    for k in range(INPUTS):
-        total += sheet[column + k] * inputs[q, k]
-    return total
 
 
 @part
