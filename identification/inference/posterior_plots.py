@@ -35,6 +35,8 @@ if TYPE_CHECKING:
 _CORNER_SAMPLES = 20000
 #: Densities side by side.
 _ACROSS = 4
+#: Bins of a marginal density: twice the cube root of some 1000 effective samples (Rice's rule); more look ragged.
+_BINS = 20
 #: Width of the close-ups of the fit [small-angle periods].
 _CLOSE_UP_PERIODS = 2.5
 
@@ -62,7 +64,7 @@ def corner_figure(posterior: Posterior) -> Figure:
     size = 1.3 + 1.6 * K
     figure = NotebookFigure(figsize=(size, size))
     corner.corner(
-        table, fig=figure, bins=32, smooth=1.0, color=BLUE, levels=(0.68, 0.95), plot_datapoints=False,
+        table, fig=figure, bins=32, smooth=1.0, smooth1d=1.5, color=BLUE, levels=(0.68, 0.95), plot_datapoints=False,
         fill_contours=True, max_n_ticks=3, hist_kwargs={"linewidth": 1.2},
         range=[_view_interval(column) for column in table.T],
     )  # fmt: skip
@@ -95,7 +97,7 @@ def marginals_figure(posterior: Posterior) -> Figure:
         factor = 10.0**rounding.exponent
         for interval, colour in (("ci95", SKY), ("ci68", BLUE)):
             axes.axvspan(*(bound / factor for bound in found[interval]), color=colour, alpha=0.30, linewidth=0)
-        counts, edges = np.histogram(samples / factor, 40, range=_view_interval(samples / factor), density=True)
+        counts, edges = np.histogram(samples / factor, _BINS, range=_view_interval(samples / factor), density=True)
         axes.stairs(counts, edges, color=BLACK, linewidth=1.1)
         axes.set_title(f"{mathtext(symbol)} = {text['median']} ± {text['sd']}")
         axes.set_xlabel(f"{mathtext(symbol)}{unit_mathtext(unit, rounding.exponent)}")

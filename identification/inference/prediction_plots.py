@@ -8,6 +8,7 @@ import numpy as np
 
 from cradle_env.plot_style import BLACK, BLUE, SKY, styled
 from cradle_env.plotting import show_decay, sigma_axes, within_envelopes
+from identification.inference.density import kernel_density
 from identification.inference.statistics import statistics
 from identification.number_format import format_statistics, rounding_of
 
@@ -73,11 +74,11 @@ def _show_rates(axes: Axes, rates: np.ndarray) -> None:
         return
     low, high = np.quantile(rates, (0.001, 0.999))
     margin = 0.1 * (high - low)
-    bins = int(np.clip(np.sqrt(len(rates)), 12, 60))
-    counts, edges = np.histogram(rates, bins, range=(low - margin, high + margin), density=True)
+    grid = np.linspace(low - margin, high + margin, 300)
+    density = kernel_density(rates, grid)
     for interval, colour in (("ci95", SKY), ("ci68", BLUE)):
         axes.axvspan(*found[interval], color=colour, alpha=0.30, linewidth=0, label=f"{interval[2:]} %")
-    axes.stairs(counts, edges, color=BLACK, linewidth=1.1)
+    axes.plot(grid, density, color=BLACK, linewidth=1.1)
     axes.axvline(found["median"], color=BLACK, linewidth=1.0, linestyle="--", label="median")
     text = format_statistics(found)
     scale = rounding_of(found).exponent
@@ -86,7 +87,7 @@ def _show_rates(axes: Axes, rates: np.ndarray) -> None:
     axes.set_xlabel("λ [s$^{-1}$]")
     axes.set_ylabel("probability density [s]")
     axes.set_xlim(low - margin, high + margin)
-    axes.set_ylim(0.0, 1.28 * counts.max())
+    axes.set_ylim(0.0, 1.06 * density.max())
     axes.ticklabel_format(axis="x", useOffset=False)
-    axes.locator_params(axis="x", nbins=5)
-    axes.legend(loc="upper right")
+    axes.locator_params(axis="x", nbins=4)
+    axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.2), ncols=3)  # below: the bands fill the panel
