@@ -8,6 +8,7 @@ import math
 import re
 import tomllib
 from collections.abc import Callable, Iterator
+from dataclasses import fields, is_dataclass
 from pathlib import Path
 from typing import Any
 
@@ -180,7 +181,29 @@ def _contract(contract: dict[str, Any]) -> str:
     return f"{name}: {sources} must not import {forbidden}."
 
 
+def criteria() -> str:
+    """A row for each threshold of a diagnosis."""
+    from identification.diagnosis.criteria import Criteria
+
+    return options_table(Criteria)
+
+
+def options_table(options: type) -> str:
+    """A row for each field of a dataclass of options: its default, and what its NumPy docstring says of it."""
+    assert is_dataclass(options)
+    section = re.search(r"Parameters\n-{10}\n(.*?)(?=\n\S+\n-{3,}\n|\Z)", inspect.getdoc(options) or "", re.DOTALL)
+    assert section is not None
+    meanings: dict[str, str] = {}
+    for names, text in re.findall(r"^(\w[^:\n]*) : .*\n((?:    .*\n?|\n)+)", section[1], re.MULTILINE):
+        meanings |= dict.fromkeys(names.split(", "), text)
+    return table(
+        ("field", "default", "meaning and reason"),
+        [(f"`{f.name}`", f"{f.default}", meanings[f.name]) for f in fields(options)],
+    )
+
+
 PARTS: dict[str, Callable[[], str]] = {
+    "criteria": criteria,
     "effects-overview": effects_overview,
     "effects": effects,
     "command-line": command_line,

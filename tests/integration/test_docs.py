@@ -1,6 +1,7 @@
 """The README and the documentation say what the program does."""
 
 import contextlib
+import dataclasses
 import io
 import json
 import re
@@ -12,6 +13,7 @@ import pytest
 
 from cradle_env import CATALOGUE
 from identification.cli.app import app, main
+from identification.diagnosis.criteria import Criteria
 from tests.paths import ROOT
 
 DOCS, README = ROOT / "docs", ROOT / "README.md"
@@ -112,6 +114,11 @@ def test_the_page_of_the_command_line_has_each_command_and_option(parts):
         section = parts["command-line"].partition(f"## `cradle {name}`\n")[2].partition("\n## ")[0]
         options = {option for p in command.params for option in p.opts if option.startswith("--") and not p.hidden}
         assert options == set(re.findall(r"^\| `(--[\w-]+)`", section, re.MULTILINE)) - {"--help"}
+
+
+def test_the_page_on_inference_has_each_threshold_of_a_diagnosis(parts):
+    rows = dict(re.findall(r"^\| `(\w+)` \| (\S+) \| \w.{20,} \|$", parts["criteria"], re.MULTILINE))
+    assert {name: float(text) for name, text in rows.items()} == dataclasses.asdict(Criteria())
 
 
 def test_the_page_of_files_has_each_schema(parts):
