@@ -63,7 +63,9 @@ def _show_version(wanted: bool) -> None:
 
 @app.callback()
 def _program(
-    version: Annotated[bool, typer.Option("--version", is_eager=True, callback=_show_version, help="Say it.")] = False,
+    version: Annotated[
+        bool, typer.Option("--version", is_eager=True, callback=_show_version, help="Print the version and exit.")
+    ] = False,
 ) -> None:
     pass
 
@@ -91,11 +93,12 @@ def simulate(
     sample_rate: SampleRate = 240.0,
     experiment: Annotated[
         bool,
-        typer.Option("--experiment", help="Also write experiment.toml with run1.csv, for calibrate: what the model's"
-                     " instrument would show, with noise. Its stated parameters are the true ones."),
+        typer.Option("--experiment",
+                     help="Also write experiment.toml and run1.csv for `cradle calibrate`: the readings of"
+                     " the model's instrument with noise. The file states the true parameters."),
     ] = False,
     noise: Annotated[
-        float | None, typer.Option(help="rad, 1 sigma of a reading, with --experiment.", show_default="0.001")
+        float | None, typer.Option(help="1 sigma of a reading in rad, with --experiment.", show_default="0.001")
     ] = None,
     seed: Seed = 0,
     workers: NoWorkers = None,
@@ -119,14 +122,16 @@ def simulate(
 def calibrate(
     experiment: Annotated[Path, typer.Argument(metavar="EXPERIMENT.toml", help="See `cradle new`.")],
     out: Out,
-    steps: Annotated[int | None, typer.Option(help="Steps in all; until converged where omitted.")] = None,
-    max_steps: Annotated[int, typer.Option(help="Give up beyond so many steps.")] = 20000,
+    steps: Annotated[
+        int | None, typer.Option(help="Total number of steps. Default: until the chains converge.")
+    ] = None,
+    max_steps: Annotated[int, typer.Option(help="Stop after this many steps, converged or not.")] = 20000,
     seed: Seed = 0,
     workers: Workers = None,
 ) -> int:
     """Infer a cradle's parameters and λ: summary.json, chain.h5, posterior.nc, pictures and report.html.
 
-    The same command goes on where it was interrupted. Status 1 if the chains have not converged.
+    The same command resumes an interrupted calibration. Exit status 1 means that the chains have not converged.
     """
     from identification.cli import commands
 
@@ -142,12 +147,16 @@ def calibrate(
 
 @app.command()
 def predict(
-    calibration: Annotated[Path, typer.Argument(metavar="DIR", help="Folder that `cradle calibrate` wrote.")],
+    calibration: Annotated[
+        Path, typer.Argument(metavar="DIR", help="Folder that `cradle calibrate` wrote, or its posterior.nc.")
+    ],
     out: Out,
-    delta: Annotated[float | None, typer.Option(help="δ; that of the experiment where omitted.")] = None,
-    release_angle: Annotated[float | None, typer.Option(help="rad; likewise.")] = None,
-    bobs: Annotated[int | None, typer.Option(help="Number of bobs; likewise.")] = None,
-    draws: Annotated[int, typer.Option(min=2, help="Samples of the posterior to simulate.")] = 200,
+    delta: Annotated[float | None, typer.Option(help="δ. Default: as in the experiment.")] = None,
+    release_angle: Annotated[
+        float | None, typer.Option(help="Release angle in rad. Default: as in the experiment.")
+    ] = None,
+    bobs: Annotated[int | None, typer.Option(help="Number of bobs. Default: as in the experiment.")] = None,
+    draws: Annotated[int, typer.Option(min=2, help="Number of samples of the posterior to simulate.")] = 200,
     seed: Seed = 0,
     workers: Workers = None,
 ) -> None:
@@ -165,9 +174,9 @@ def diagnose(
     seed: Seed = 0,
     workers: Workers = None,
 ) -> None:
-    """Find what a model lacks, name it and add it: diagnosis.json, model.toml and report.html.
+    """Find the effects that a model lacks and add them: diagnosis.json, model.toml and report.html.
 
-    The same command goes on where it was interrupted.
+    The same command resumes an interrupted diagnosis.
     """
     from identification.cli import commands
 
@@ -179,21 +188,21 @@ def diagnose(
 def reproduce(
     out: Out,
     only: Annotated[
-        list[str] | None, typer.Option(metavar="FIGURE", help="A figure by its name, as fig7. Repeat at will.")
+        list[str] | None, typer.Option(metavar="FIGURE", help="Name of a figure, such as fig7. May be repeated.")
     ] = None,
-    values: Annotated[int, typer.Option(help="Values of each parameter in the sweeps, at least 16.")] = 400,
+    values: Annotated[int, typer.Option(help="Number of values of each parameter in the sweeps, at least 16.")] = 400,
     calibration: Annotated[
         Path | None,
-        typer.Option(metavar="DIR", help="Folder that `cradle calibrate` wrote, whose uncertainty the bands show; an"
-                     " example, simulated and calibrated here, where omitted."),
+        typer.Option(metavar="DIR",
+                     help="Folder that `cradle calibrate` wrote. The bands show its uncertainty. Default:"
+                     " the command simulates and calibrates an example."),
     ] = None,
     seed: Seed = 0,
     workers: Workers = None,
 ) -> None:  # fmt: skip
     """Make the figures of Lee & Hong from the equations, and judge their claims: claims.md, and a folder per figure.
 
-    Each folder holds a picture as PDF and PNG and the tables behind it. The same command goes on where it was
-    interrupted.
+    Each folder holds a picture as PDF and PNG, and its tables. The same command resumes an interrupted run.
     """
     from identification.cli import commands
 
@@ -227,9 +236,9 @@ def sweep(
     seed: Annotated[int, typer.Option("--seed", hidden=True)] = 0,
     workers: Workers = None,
 ) -> None:  # fmt: skip
-    """Simulate a grid of cradles: a table of λ and more, sweep.png and sweep.json.
+    """Simulate a grid of cradles: a table of λ and other quantities, sweep.png and sweep.json.
 
-    The same command goes on where it was interrupted.
+    The same command resumes an interrupted sweep.
     """
     from identification.cli import cradle_options, sweep_command
     from identification.sweep.explore import AXES
@@ -258,20 +267,21 @@ def design(
     out: Out,
     between: Annotated[
         list[str] | None,
-        typer.Option(metavar="EFFECT[+EFFECT]", help="A model to tell from others. Give two or more; λ is in question"
-                     " where omitted."),
+        typer.Option(metavar="EFFECT[+EFFECT]",
+                     help="A model to compare with others; give two or more. Default: plan the"
+                     " run that constrains λ most."),
     ] = None,
     diagnosis: Annotated[
         Path | None,
-        typer.Option(metavar="DIR", help="Folder of a diagnosis of this experiment: what it named is taken over, and"
-                     " what it could not tell apart is in question."),
+        typer.Option(metavar="DIR", help="Folder of a diagnosis of this experiment. The plan includes the effects that"
+                     " it named, and compares the models that it found equivalent."),
     ] = None,
     seed: Seed = 0,
     workers: Workers = None,
 ) -> None:  # fmt: skip
-    """Plan the run that tells most: design.json, design.png, experiment.toml and report.html.
+    """Plan the most informative next run: design.json, design.png, experiment.toml and report.html.
 
-    The same command goes on where it was interrupted.
+    The same command resumes an interrupted design.
     """
     from identification.cli import commands
 
@@ -282,11 +292,11 @@ def design(
 @app.command()
 def bench(
     out: Annotated[Path | None, typer.Option("--out", metavar="DIR", help="Folder for bench.json.")] = None,
-    duration: Annotated[float, typer.Option(min=1.0, help="Simulated time of each race, s.")] = 20.0,
+    duration: Annotated[float, typer.Option(min=1.0, help="Simulated time of each comparison, s.")] = 20.0,
     seed: Annotated[int, typer.Option("--seed", hidden=True)] = 0,
     workers: NoWorkers = None,
 ) -> None:
-    """Measure speed and accuracy against SciPy on this machine, on one core, as ratios."""
+    """Compare speed and accuracy with SciPy on one core of this machine."""
     from identification.bench import run
 
     with report_what_is_kept(out, lambda: "nothing was written"):
@@ -295,7 +305,7 @@ def bench(
 
 @app.command()
 def warmup(seed: Annotated[int, typer.Option("--seed", hidden=True)] = 0, workers: NoWorkers = None) -> None:
-    """Compile what simulations and environments run, once for this machine; else their first calls do."""
+    """Compile the simulation kernels once for this machine. Otherwise the first simulation compiles them."""
     from cradle_env.warmup import warm_up
     from identification.reporting.terminal import TerminalProgress
 

@@ -1,4 +1,4 @@
-"""What the commands do, between the words of the command line and the files that are written."""
+"""The work of the commands: from parsed options to files and printed tables."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def simulate(
     noise: float | None,
     seed: int,
 ) -> None:
-    """Simulates one run and writes it; with noise [rad], an experiment with its data too."""
+    """Simulate one run and write it; with noise [rad], write an experiment with its data too."""
     if noise is not None:
         check_noise(noise, "rad")
     written = (*result_files.RUN_FILES, *(() if noise is None else (FILE_NAME, Run.file)))
@@ -79,21 +79,21 @@ def simulate(
 
 
 def _record_experiment(cradle: Cradle, release: Release, times: np.ndarray, noise: float, seed: int) -> Experiment:
-    """What the model's instrument would show of a run, with Gaussian noise [rad], and the truth stated."""
+    """Record a run with the model's instrument and Gaussian noise [rad]; the experiment states the true values."""
     instants = np.maximum(Instrument(cradle).instants(times), 0.0)
     order = np.argsort(instants, kind="stable")
     motion = simulation.simulate(cradle, release, times=instants[order], ledger=False)
     back = np.argsort(order, kind="stable")
-    shown_ = Instrument(cradle).readings(motion.theta[back])
-    shown_ = shown_ + noise * np.random.default_rng(seed).standard_normal(shown_.shape)
-    return Experiment(cradle, (Run(times, shown_, release=ReleaseInfo(release), delta=cradle.delta, noise=noise),))
+    readings = Instrument(cradle).readings(motion.theta[back])
+    readings = readings + noise * np.random.default_rng(seed).standard_normal(readings.shape)
+    return Experiment(cradle, (Run(times, readings, release=ReleaseInfo(release), delta=cradle.delta, noise=noise),))
 
 
 @locks_output
 def calibrate(
     path: Path, out: Path, steps: int | None, max_steps: int, seed: int, workers: int | None
 ) -> int:  # fmt: skip
-    """Calibrates an experiment and writes all of it; 0 if the chains have converged, else 1."""
+    """Calibrate an experiment and write all results; return 0 if the chains have converged, else 1."""
     from identification.inference.calibration import calibrate as run
 
     check_report(out, "calibrate")
@@ -119,7 +119,7 @@ def calibrate(
 
 @locks_output
 def diagnose(path: Path, out: Path, seed: int, workers: int | None) -> None:
-    """Diagnoses an experiment and writes what was found."""
+    """Diagnose an experiment and write the results."""
     from identification.diagnosis.report import check_folder, save, verdict_sentence
     from identification.diagnosis.workflow import diagnose as run
 
@@ -149,7 +149,7 @@ def diagnose(path: Path, out: Path, seed: int, workers: int | None) -> None:
 
 
 def format_advice(advice: Advice) -> str:
-    """The next experiment in a line."""
+    """Describe the next experiment in one line."""
     from identification.diagnosis.next_experiment.run_grid import describe_run
 
     if advice.separates_none:
@@ -162,7 +162,7 @@ def format_advice(advice: Advice) -> str:
 def design(
     path: Path, out: Path, between: Sequence[str], diagnosis: Path | None, seed: int, workers: int | None
 ) -> None:
-    """Designs the next experiment and writes it."""
+    """Design the next experiment and write it."""
     from identification.diagnosis.next_experiment.design import design as run
     from identification.diagnosis.next_experiment.design_report import (
         advice_sentence,
@@ -195,7 +195,7 @@ def design(
 
 
 def _format_parameter(entry: Mapping[str, Any], unit: str) -> str:
-    """A parameter of an effect with its 95 % interval, or one for each bob or gap."""
+    """Format a parameter of an effect with its 95 % interval, or one for each bob or gap."""
     if isinstance(entry["median"], Sequence):
         pairs = zip(entry["median"], entry["ci95"], strict=True)
         return (
@@ -216,7 +216,7 @@ def predict(
     seed: int,
     workers: int | None,
 ) -> None:
-    """Predicts σ(t) and λ from a calibration and writes them."""
+    """Predict σ(t) and λ from a calibration and write them."""
     file = _find_posterior(folder)
     check_replaceable(
         out,
@@ -243,7 +243,7 @@ def predict(
 
 
 def _find_posterior(folder: Path) -> Path:
-    """The posterior of a calibration, by its folder or itself."""
+    """Find posterior.nc, given the file or the folder of the calibration."""
     file = folder / "posterior.nc" if folder.is_dir() else folder
     if not file.is_file():
         raise FileNotFoundError(
@@ -256,7 +256,7 @@ def _find_posterior(folder: Path) -> Path:
 def reproduce(
     out: Path, only: Sequence[str], values: int, calibration: Path | None, seed: int, workers: int | None
 ) -> None:
-    """Makes the paper's figures and judges its claims."""
+    """Make the paper's figures and judge its claims."""
     from identification.reproduce.run import reproduce as run
 
     source = None if calibration is None else _find_posterior(calibration)
@@ -273,7 +273,7 @@ _COLUMNS = ("quantity", "median ± sd", "68 % interval", "95 % interval", "unit"
 
 
 def _row(name: str, found: Mapping[str, Any], unit: str) -> tuple[str, ...]:
-    """A line of a table of results, rounded to its uncertainty."""
+    """Format a row of a table of results, rounded to its uncertainty."""
     text = format_statistics(found)
     spread = f"{text['median']} ± {text['sd']}"
     return name, spread, text["ci68"], text["ci95"], unit_plain(unit, rounding_of(found).exponent)

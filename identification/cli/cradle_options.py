@@ -33,8 +33,11 @@ def parse_cradle_options(
     start: str | None,
     over: Sequence[str] = (),
 ) -> tuple[Cradle, Release]:
-    """The cradle and the release that a command line describes; None: as in the source file, or the default. What the
-    source leaves open, and what is taken for it, is told on stderr. over: "name=values" of what is swept."""
+    """Build the cradle and the release that a command line describes.
+
+    None means: as in the source file, or the default. over: "name=values" of each swept parameter. A value that the
+    source does not state takes its default, which is printed on stderr.
+    """
     swept = {text.partition("=")[0] for text in over}
     cradle, release, unstated = Cradle(), Release(angle=_ANGLE), ()
     if source is not None:
@@ -90,12 +93,12 @@ def _parse_number(name: str, text: str) -> float:
         raise ValueError(f"{name} is {one_line(text)}, which is not a number") from None
 
 
-#: What of a cradle is said by other options than --set.
+#: Fields of a cradle that have an option of their own instead of --set.
 _OWN_OPTION = ("bobs", "delta", "model", "beta", "kappa", "k_f", "b", "release_angle", "lifted", "start")
 
 
 def _parse_setting(text: str) -> tuple[str, Any]:
-    """("length", 0.25) of "length=0.25"."""
+    """Parse "length=0.25" into ("length", 0.25)."""
     name, equals, value = text.partition("=")
     if not equals:
         raise ValueError(f"--set {text}: expected NAME=VALUE, as length=0.25")
@@ -108,7 +111,7 @@ def _parse_setting(text: str) -> tuple[str, Any]:
 
 
 def _with_effects(known: Mapping[str, Mapping[str, Any]], texts: Sequence[str]) -> dict[str, dict[str, Any]]:
-    """The known effects with those of "name.key=value", "name" or "-name" added."""
+    """Add the effects of "name.key=value", "name" or "-name" to the known ones."""
     effects = {name: dict(values) for name, values in known.items()}
     for text in texts:
         address, equals, value = text.partition("=")

@@ -23,7 +23,7 @@ From = Annotated[
 ]  # fmt: skip
 Set = Annotated[
     list[str] | None,
-    typer.Option("--set", metavar="NAME=VALUE", help="Any number of Cradle, as mass=0.2813. Repeat at will."),
+    typer.Option("--set", metavar="NAME=VALUE", help="Set a number of Cradle, such as mass=0.2813. May be repeated."),
 ]
 HiddenSeed = Annotated[int, typer.Option("--seed", hidden=True)]
 
@@ -37,23 +37,24 @@ def _kinds() -> None:
 def ringdown(
     files: Annotated[
         list[Path],
-        typer.Argument(metavar="FILE...", help="CSV files of angles or displacements, or experiment.toml files whose"
-                       " runs are all read; in each, all bobs swing together."),
+        typer.Argument(metavar="FILE...",
+                       help="CSV files of angles or displacements, or experiment.toml files, of which"
+                       " all runs are read. In each file all bobs swing together."),
     ],
     out: Out,
     bobs: Annotated[
         list[int] | None,
-        typer.Option(help="How many bobs swing together in a CSV file; as many as it has columns for where omitted."
-                     " Once for each CSV file, in order."),
+        typer.Option(help="Number of bobs that swing together in a CSV file. Default: its number of columns."
+                     " Give it once for each CSV file, in order."),
     ] = None,
-    fit_from: Annotated[float | None, typer.Option(help="s; earlier readings are not used.")] = None,
-    fit_to: Annotated[float | None, typer.Option(help="s; later ones are not used.")] = None,
+    fit_from: Annotated[float | None, typer.Option(help="Ignore readings before this time, s.")] = None,
+    fit_to: Annotated[float | None, typer.Option(help="Ignore readings after this time, s.")] = None,
     source: From = None,
     set_: Set = None,
     seed: HiddenSeed = 0,
     workers: NoWorkers = None,
 ) -> None:  # fmt: skip
-    """Drag b of bobs that swing together, and of quadratic and Coulomb parts, from how their swing dies down."""
+    """Measure linear, quadratic and Coulomb damping of bobs that swing together, from their ring-downs."""
     from identification.apparatus.ringdown.measure import measure_ringdown
 
     cradle = _cradle(source, set_)
@@ -70,14 +71,14 @@ def ringdown(
 def string(
     files: Annotated[
         list[Path],
-        typer.Argument(metavar="FILE...", help="CSV files with columns displacement [mm] and force [N], and t [s] where"
+        typer.Argument(metavar="FILE...", help="CSV files with columns displacement [mm] and force [N], and t [s] if"
                        " the speed matters."),
     ],
     out: Out,
     seed: HiddenSeed = 0,
     workers: NoWorkers = None,
 ) -> None:  # fmt: skip
-    """Stiffness κ of a string and its hysteresis, from cycles of force against displacement."""
+    """Measure stiffness κ and hysteresis of a string from force-displacement cycles."""
     from identification.apparatus.string.measure import measure_string
 
     _run("string", out, lambda progress: measure_string(files, progress=progress))
@@ -96,7 +97,7 @@ def impacts(
     seed: Seed = 0,
     workers: NoWorkers = None,
 ) -> None:  # fmt: skip
-    """Dissipation k_f of a contact and e(v), from speeds before and after impacts and from contact durations."""
+    """Measure k_f and e(v) of a contact from speeds before and after impacts and from contact durations."""
     from identification.apparatus.impacts.measure import measure_impacts
 
     cradle = _cradle(source, set_)
@@ -113,10 +114,10 @@ def contacts(
     ],
     out: Out,
     bobs: Annotated[int, typer.Option(min=2, help="Number of bobs in the circuit.")],
-    supply: Annotated[float, typer.Option(help="V, of the source.")],
-    step: Annotated[float, typer.Option(help="Ω, the smallest resistor; the others are 2, 4, … times that.")] = 11.0,
-    shunt: Annotated[float, typer.Option(help="Ω, across the oscilloscope.")] = 22.0,
-    rate: Annotated[float | None, typer.Option(help="1/s, where a file does not state it.")] = None,
+    supply: Annotated[float, typer.Option(help="Voltage of the source, V.")],
+    step: Annotated[float, typer.Option(help="Smallest resistor, Ω. The others are 2, 4, … times as large.")] = 11.0,
+    shunt: Annotated[float, typer.Option(help="Resistor across the oscilloscope, Ω.")] = 22.0,
+    rate: Annotated[float | None, typer.Option(help="Sample rate in 1/s, if a file does not state it.")] = None,
     speed: Annotated[
         list[float] | None,
         typer.Option(
@@ -129,7 +130,7 @@ def contacts(
     seed: HiddenSeed = 0,
     workers: NoWorkers = None,
 ) -> None:
-    """Which bobs touch, when and how long, from oscilloscope traces of the contact resistance."""
+    """Measure which bobs touch, when and for how long, from oscilloscope traces of the contact resistance."""
     from identification.apparatus.contacts.circuit import Circuit
     from identification.apparatus.contacts.measure import TABLE, measure_contacts
 
@@ -210,7 +211,7 @@ def _numbers(option: str, text: str, count: int) -> tuple[float, ...]:
 
 
 def _run(kind: str, out: Path, work: Callable[[Progress], Measurement], *tables: str) -> None:
-    """Measures and writes what was found, and shows it; holds the folder meanwhile."""
+    """Measure, write the results into the locked folder and print them."""
     from identification.apparatus.measurement_files import check_folder, save
     from identification.number_format import format_statistics, rounding_of, unit_plain
     from identification.reporting.terminal import TerminalProgress, print_table
@@ -236,7 +237,7 @@ def _run(kind: str, out: Path, work: Callable[[Progress], Measurement], *tables:
 
 
 def _cradle(source: Path | None, settings: list[str] | None) -> Cradle | None:
-    """The cradle that a command line states; None where it states none."""
+    """Build the cradle that a command line states; None if it states none."""
     from cradle_env.cradle import CRADLE_NUMBERS, Cradle
     from cradle_env.errors import unknown_key
     from identification.experiment.experiment import Experiment

@@ -14,15 +14,18 @@ def new(
     data: Annotated[Path, typer.Argument(metavar="DATA", help="A table with a header, or an export of Tracker.")],
     out: Annotated[
         Path | None,
-        typer.Option("--out", metavar="DIR", help="A folder, or a file that ends in .toml; that of the data where"
-                     " omitted."),
+        typer.Option("--out", metavar="DIR",
+                     help="Folder, or a file name that ends in .toml. Default: the folder of the"
+                     " data."),
     ] = None,
     time: Annotated[
-        str | None, typer.Option("--time", metavar="COLUMN", help="The column of time, where its name does not say so.")
+        str | None, typer.Option("--time", metavar="COLUMN",
+             help="Name of the time column, if its meaning is not clear.")
     ] = None,
     bob: Annotated[
         list[str] | None,
-        typer.Option("--bob", metavar="N=COLUMN", help="The column of a bob; no others are read. Repeat."),
+        typer.Option("--bob", metavar="N=COLUMN",
+                     help="Name of the column of bob N. Other columns are ignored. May be repeated."),
     ] = None,
     unit: Annotated[
         list[str] | None,
@@ -30,10 +33,10 @@ def new(
                      " size of a pixel. Once for the times, once for the readings."),
     ] = None,
     rate: Annotated[
-        float | None, typer.Option("--rate", help="Frames per second, where a column counts frames and none is time.")
+        float | None, typer.Option("--rate", help="Frames per second, if the table counts frames and has no times.")
     ] = None,
     mirror: Annotated[
-        bool, typer.Option("--mirror", help="Turn all signs: positive must be towards the last bob.")
+        bool, typer.Option("--mirror", help="Change the sign of all readings. Positive must be towards the last bob.")
     ] = False,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace files that this command wrote.")] = False,
     seed: Annotated[int, typer.Option("--seed", hidden=True)] = 0,
@@ -41,8 +44,8 @@ def new(
 ) -> None:  # fmt: skip
     """Write a first experiment.toml for a data file, with guesses from the data to check and correct.
 
-    Prints what it understood. Where the table is not in the strict form of an experiment, a copy in that form goes
-    beside experiment.toml; the file itself stays as it is.
+    The command prints how it understood the table. If the table is not in the strict form of an experiment, the
+    command writes a copy in that form beside experiment.toml. It never changes the data file.
     """
     from identification.experiment.scaffold import scaffold
     from identification.experiment.table_columns import Columns
@@ -53,7 +56,7 @@ def new(
 
 
 def _parse_bob_column(text: str) -> tuple[int, str]:
-    """(1, "Angle 1") of "1=Angle 1"."""
+    """Parse "1=Angle 1" into (1, "Angle 1")."""
     number, equals, name = text.partition("=")
     if not (equals and name and number.isdecimal() and number.isascii()):
         raise ValueError(f'--bob {text}: expected N=COLUMN, as --bob 1="Angle 1 (deg)"')

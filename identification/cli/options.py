@@ -7,19 +7,23 @@ from typing import Annotated
 
 import typer
 
-Out = Annotated[Path, typer.Option("--out", metavar="DIR", help="Folder for the results; made if need be.")]
+Out = Annotated[
+    Path,
+    typer.Option("--out", metavar="DIR", help="Folder for the results. The command creates it if it does not exist."),
+]
 Seed = Annotated[int, typer.Option("--seed", min=0, max=2**32 - 1, help="Seed of all random numbers.")]
-Workers = Annotated[int | None, typer.Option("--workers", min=1, help="Threads; all cores where omitted.")]
+Workers = Annotated[int | None, typer.Option("--workers", min=1, help="Number of threads. Default: all cores.")]
 NoWorkers = Annotated[int | None, typer.Option("--workers", hidden=True)]
 
 # A cradle, its release and how long it swings, for every command that simulates one.
 Bobs = Annotated[int | None, typer.Option(help="Number of bobs.", show_default="5")]
 Delta = Annotated[
-    str | None, typer.Option(metavar="NUMBER", help="δ = d/2R − 1, or one per gap as 0,0.001.", show_default="0")
+    str | None,
+    typer.Option(metavar="NUMBER", help="δ = d/2R − 1. One number, or one for each gap: 0,0.001.", show_default="0"),
 ]
-Angle = Annotated[float | None, typer.Option(help="rad.", show_default="0.228")]
-Lifted = Annotated[int | None, typer.Option(help="Bobs lifted together.", show_default="1")]
-Start = Annotated[str | None, typer.Option(help="unstretched | hanging: the lifted bobs' strings.")]
+Angle = Annotated[float | None, typer.Option(help="Release angle in rad.", show_default="0.228")]
+Lifted = Annotated[int | None, typer.Option(help="Number of bobs lifted together.", show_default="1")]
+Start = Annotated[str | None, typer.Option(help="unstretched | hanging: length of the lifted bobs' strings.")]
 Model = Annotated[str | None, typer.Option(help="ho | pendulum | nsp, or a model.toml.", show_default="nsp")]
 Beta = Annotated[float | None, typer.Option(help="β, which sets κ.", show_default="0.114")]
 Kappa = Annotated[float | None, typer.Option(help="κ in N/m, instead of β.", show_default=False)]
@@ -29,21 +33,24 @@ Effects = Annotated[
     list[str] | None,
     typer.Option(
         metavar="NAME.KEY=VALUE",
-        help="An effect's parameter; as 0.1,-0.1 for each bob or gap; =-NAME takes one out. Repeat at will.",
+        help="Set a parameter of an effect: one number, or one for each bob or gap as 0.1,-0.1. =-NAME removes an"
+        " effect. May be repeated.",
     ),
 ]
 Settings = Annotated[
     list[str] | None,
-    typer.Option("--set", metavar="NAME=VALUE", help="Any other number of Cradle, as length=0.25. Repeat at will."),
+    typer.Option(
+        "--set", metavar="NAME=VALUE", help="Set another number of Cradle, such as length=0.25. May be repeated."
+    ),
 ]
 Source = Annotated[
     Path | None,
-    typer.Option("--from", metavar="FILE", help="Take cradle and first release from an experiment.toml;"
-                 " the options above then change them. What it leaves open, a release or an effect's parameter, is"
-                 " told with the value taken for it."),
+    typer.Option("--from", metavar="FILE", help="Take the cradle and the first release from an experiment.toml. The"
+                 " options above change them. Missing values (release, effect parameters) take defaults, which are"
+                 " printed."),
 ]  # fmt: skip
-Duration = Annotated[float, typer.Option(help="s")]
-SampleRate = Annotated[float, typer.Option(help="1/s")]
+Duration = Annotated[float, typer.Option(help="Simulated time in s.")]
+SampleRate = Annotated[float, typer.Option(help="Samples per second.")]
 
 # What `cradle sweep` asks for.
 Over = Annotated[

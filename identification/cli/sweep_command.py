@@ -1,4 +1,4 @@
-"""What `cradle sweep` does, between the words of the command line and the files that are written."""
+"""The work of `cradle sweep`: from parsed options to files and printed tables."""
 
 from __future__ import annotations
 
@@ -30,17 +30,20 @@ from identification.sweep.store import FORMAT
 from identification.sweep.sweep_result import SweepResult
 from identification.sweep.tables import check_table
 
-#: A slip of the pen rather than an axis.
+#: Largest number of values on an axis; more are a typing error.
 _MAX_VALUES = 10_000_000
-#: What a sweep is told by, and lists its files in; those beside its tables.
+#: The file that describes a finished sweep, and the other files beside its table.
 _STAMP, _PICTURE, _PAGE = "sweep.json", "sweep.png", "explore.html"
-#: What the paper's groups set, of that which a cradle may ignore.
+#: The parameter that a group of the paper sets, for those that a cradle may ignore.
 _SETS = {"beta": "kappa"}
 
 
 @dataclass(frozen=True)
 class SweepRequest:
-    """What a command line asks for: axes "name=values", quantities, times "values", a table's name, a page or not."""
+    """A sweep as the command line states it.
+
+    over: axes as "name=values"; times: "values" in s; table: a file name; explore: whether to write explore.html.
+    """
 
     over: Sequence[str]
     quantities: Sequence[str]
@@ -50,7 +53,7 @@ class SweepRequest:
 
 
 def parse_axis(text: str) -> tuple[str, np.ndarray]:
-    """("beta", its values) of "beta=0.05:0.4:400", "k_f=1e3:1e5:50:log" or "bobs=2,3,5"."""
+    """Parse "beta=0.05:0.4:400", "k_f=1e3:1e5:50:log" or "bobs=2,3,5" into a name and its values."""
     name, equals, values = text.partition("=")
     if not equals:
         raise ValueError(f"--over {text}: expected NAME=VALUES, as beta=0.05:0.4:400 or bobs=2,3,5")
@@ -58,7 +61,7 @@ def parse_axis(text: str) -> tuple[str, np.ndarray]:
 
 
 def parse_values(at: str, text: str) -> np.ndarray:
-    """The values that "FIRST:LAST:COUNT", with ":log" in the end or without, or "2,3,5" stands for; at: where."""
+    """Parse "FIRST:LAST:COUNT", "FIRST:LAST:COUNT:log" or "2,3,5" into values; at: the option, for errors."""
     ranged = text.removesuffix(":log")
     try:
         if ":" not in ranged:
@@ -85,7 +88,7 @@ def run(
     seed: int,
     workers: int | None,
 ) -> None:
-    """Sweeps, and writes table, picture, summary and, if asked for, the page."""
+    """Run the sweep and write its table, picture, summary and, on request, page."""
     check_table(out / asked.table)
     if Path(asked.table).name != asked.table:
         raise ValueError(f"--table {asked.table}: expected a name alone; --out names the folder")
@@ -145,7 +148,7 @@ def _axes(asked: SweepRequest) -> Mapping[str, np.ndarray]:
 
 
 def _ignored_axes(grid: Grid) -> list[str]:
-    """Names of what is swept though the cradle ignores it."""
+    """Names of swept parameters that have no effect on this cradle."""
     if "bobs" in grid.names:
         return []
     return [name for name in grid.names if not matters(grid.cradle, _SETS.get(name, name.partition("[")[0]))]
@@ -156,7 +159,7 @@ def _format_point(at: dict[str, float]) -> str:
 
 
 def _summary(swept: SweepResult, seed: int) -> dict[str, Any]:
-    """What `sweep.json` holds: what was swept, and of each quantity where it is least and largest."""
+    """Build sweep.json: the axes, and the least and largest value of each quantity with its place."""
     plan = swept.plan
     quantities: dict[str, dict[str, Any]] = {}
     for q in plan.quantities:
@@ -178,13 +181,13 @@ def _summary(swept: SweepResult, seed: int) -> dict[str, Any]:
         "cradle": cradle_values(plan.grid.cradle),
         "release": release_values(plan.grid.release),
         "axes": {
-            parse_axis.name: {
-                "unit": parse_axis.unit_and_symbol[0],
-                "first": parse_axis.values[0],
-                "last": parse_axis.values[-1],
-                "count": len(parse_axis),
+            axis.name: {
+                "unit": axis.unit_and_symbol[0],
+                "first": axis.values[0],
+                "last": axis.values[-1],
+                "count": len(axis),
             }
-            for parse_axis in plan.grid.axes
+            for axis in plan.grid.axes
         },
         "duration_s": plan.duration,
         "runs": len(plan.grid),
