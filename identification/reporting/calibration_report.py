@@ -46,13 +46,13 @@ _CAPTIONS = {
     ),
     "fit.png": (
         "The data and the model",
-        "For each bob, the readings and the posterior's 95 % bands, without and with the noise of one reading. On the"
-        " right the last swings, once as they are and once less the model's mean, where the bands can be seen.",
+        "For each bob, the readings and the 95 % bands of the posterior, without and with the noise of one reading."
+        " Right: the last swings, as measured and with the model's mean subtracted, which makes the bands visible.",
     ),
     "residuals.png": (
-        "What is left",
-        "Readings less the most probable model, in units of the noise, by bob and time. Structure here is physics or"
-        " measurement that the model does not have; none of it should be seen beyond scatter.",
+        "Residuals",
+        "Readings minus the most probable model, in units of the noise, by bob and time. A complete model leaves only"
+        " random scatter. Any structure shows an effect that the model of cradle or measurement lacks.",
     ),
     "corner.png": (
         "The joint posterior",
@@ -63,7 +63,7 @@ _PACKAGES = ("newtons-cradle", "numpy", "scipy", "numba", "emcee", "arviz")
 
 
 def calibration_html(posterior: Posterior, summary: Mapping[str, Any], pictures: Mapping[str, bytes]) -> str:
-    """The report as HTML. summary: that of the posterior; pictures: PNG files by name, those of `_CAPTIONS` shown."""
+    """Write the report as HTML. summary: of the posterior; pictures: PNG files by name, shown if in `_CAPTIONS`."""
     entries = {name: _row(posterior, name, found) for name, found in summary["parameters"].items()}
     if summary["lambda"]:
         entries["lambda"] = _row(posterior, "lambda", summary["lambda"])
@@ -90,7 +90,7 @@ def calibration_html(posterior: Posterior, summary: Mapping[str, Any], pictures:
 
 
 def _row(posterior: Posterior, name: str, found: Mapping[str, Any]) -> dict[str, str]:
-    """One line of a table of parameters: name, meaning, symbol and unit as HTML, and rounded numbers."""
+    """A row of a table of parameters: name, meaning, symbol and unit as HTML, and rounded numbers."""
     symbol = "λ" if name == "lambda" else next(u.symbol for u in posterior.unknowns if u.name == name)
     return {
         "name": name,

@@ -9,7 +9,7 @@ from identification.number_format import typographic_minus
 
 
 def render_experiment(template: str, work: str, experiment: Experiment, **content: Any) -> str:
-    """The page of a template, headed by what was done ("Calibration") and to which experiment."""
+    """Fill a template whose heading names the work ("Calibration") and the experiment."""
     path = experiment.path
     return render(
         template,
@@ -22,13 +22,13 @@ def render_experiment(template: str, work: str, experiment: Experiment, **conten
 
 
 def _format_floats(value: Any) -> Any:
-    """Plain numbers, one or several, as they are printed, with a minus."""
+    """Format a float, or a list of floats, with a typographic minus."""
     several = value if isinstance(value, list | tuple) else [value]
     return typographic_minus(str(value)) if several and all(isinstance(one, float) for one in several) else value
 
 
 def render(template: str, **content: Any) -> str:
-    """The page of a template that needs no experiment."""
+    """Fill a template that needs no experiment."""
     from jinja2 import Environment, PackageLoader, StrictUndefined
 
     loader = PackageLoader("identification.reporting")

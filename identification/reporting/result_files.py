@@ -1,4 +1,4 @@
-"""Results as files: whole or not at all. Each file is written under a temporary name and then renamed."""
+"""Write results as files. Each file gets a temporary name and is then renamed, so that none is half-written."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ from identification.inference.posterior import Posterior
 from identification.inference.prediction import Prediction
 from identification.storage.stamps import write_results
 
-#: Told before each picture: how much is done, and what comes.
+#: Called before each picture with the fraction done and the name of the picture.
 PictureProgress = Callable[[float, str], None]
 
-#: What a run or a calibration ends with, and the format of a run's; and what else each leaves.
+#: The last file of a run or a calibration, the format of a run's, and the other files of each.
 SUMMARY, RUN_FORMAT, RUN_FILES = "summary.json", "cradle-run/1", ("trajectory.csv", "impacts.csv", "run.png")
 CALIBRATION_FILES = ("posterior.nc", "corner.png", "fit.png", "residuals.png", "lambda.png", "report.html")
 #: The same of a prediction.
@@ -33,7 +33,7 @@ PREDICTION_FILES = ("prediction.csv", "prediction.png")
 
 
 def table_text(columns: Mapping[str, np.ndarray]) -> str:
-    """A CSV of columns (T,) by their labels, to nine digits; labels with a comma in quotes."""
+    """Write columns (T,), by label, as CSV with nine digits; quote labels that contain a comma."""
     rows = np.column_stack([np.asarray(column, dtype=float) for column in columns.values()])
     lines = (",".join("" if value != value else f"{value:.9g}" for value in row) for row in rows.tolist())
     labels = (f'"{label}"' if "," in label else label for label in columns)
@@ -57,8 +57,10 @@ def release_values(release: Release) -> dict[str, Any]:
 def save_run(
     run: Trajectory, folder: Path, *, seed: int, inputs: str, experiment: Experiment | None = None
 ) -> dict[str, Any]:
-    """Writes trajectory.csv, impacts.csv, run.png, the files of an experiment where one was made of the run, and, last,
-    summary.json, which it returns."""
+    """Write trajectory.csv, impacts.csv, run.png, the files of the experiment, if any, and last summary.json.
+
+    Returns the content of summary.json.
+    """
     assert isinstance(run.release, Release)
     energy = run.energy()
     sigma, rate, none_because = None, None, None
@@ -95,7 +97,7 @@ def save_run(
 
 
 def save_calibration(posterior: Posterior, folder: Path, progress: PictureProgress = lambda *_: None) -> dict[str, Any]:
-    """Writes posterior.nc, the pictures, report.html and, last, summary.json, which it returns."""
+    """Write posterior.nc, the pictures, report.html and last summary.json; return its content."""
     from identification.inference import posterior_plots, prediction_plots
     from identification.reporting.calibration_report import calibration_html
 
@@ -122,7 +124,7 @@ def save_calibration(posterior: Posterior, folder: Path, progress: PictureProgre
 
 
 def save_prediction(prediction: Prediction, folder: Path, *, posterior: Posterior, seed: int) -> dict[str, Any]:
-    """Writes prediction.csv, prediction.png and, last, prediction.json, which it returns."""
+    """Write prediction.csv, prediction.png and last prediction.json; return its content."""
     from identification.inference.prediction_plots import prediction_figure
 
     bands = prediction.sigma_bands()

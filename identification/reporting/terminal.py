@@ -1,4 +1,4 @@
-"""What is shown in a terminal: tables on stdout, and on stderr how far a long task is."""
+"""Terminal output: tables on stdout, progress of long tasks on stderr."""
 
 from __future__ import annotations
 
@@ -6,12 +6,12 @@ import sys
 import time
 from collections.abc import Iterable, Sequence
 
-#: Seconds between two lines of progress where there is no terminal to draw a bar on.
+#: Time between two lines of progress if stderr is no terminal [s].
 _REPORT_INTERVAL = 10.0
 
 
 def print_table(columns: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
-    """A table as wide as it needs to be: a pipe has no width, and a narrow terminal may wrap it."""
+    """Print a table at its full width, because a pipe has none. A narrow terminal wraps it."""
     from rich.box import SIMPLE_HEAD
     from rich.console import Console
     from rich.table import Table
@@ -25,7 +25,7 @@ def print_table(columns: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
 
 
 class TerminalProgress:
-    """A context in which `progress(stage, fraction, text)` may be called at will; fraction None: not known."""
+    """A context manager that shows `progress(stage, fraction, text)`; fraction None means unknown."""
 
     def __enter__(self) -> TerminalProgress:
         self._began = self._told = time.monotonic()
@@ -55,7 +55,7 @@ class TerminalProgress:
             self._bars.stop()
 
     def __call__(self, stage: str, fraction: float | None, text: str = "") -> None:
-        """Tells what is being done, how much of it is, and more in words, such as a rate."""
+        """Show the stage, the fraction done, and a text such as a rate."""
         if self._bars is not None:
             if stage not in self._tasks:
                 for earlier in self._tasks.values():
@@ -68,4 +68,4 @@ class TerminalProgress:
         if now - self._told >= _REPORT_INTERVAL:
             self._told = now
             share = "" if fraction is None else f" {100.0 * fraction:.0f} %"
-            print(f"{stage}{share}: {text} ({now - self._began:.0f} s so far)", file=sys.stderr, flush=True)
+            print(f"{stage}{share}: {text} ({now - self._began:.0f} s elapsed)", file=sys.stderr, flush=True)

@@ -1,4 +1,4 @@
-"""The verdicts on a calibration in words, the same in report and terminal."""
+"""The verdicts on a calibration as sentences, for the report and the terminal."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from identification.number_format import format_number, format_ratio, unit_plain
 
 
 def convergence_verdict(summary: Mapping[str, Any]) -> str:
-    """Whether the chains may be trusted, in a sentence or two."""
+    """State whether the chains have converged."""
     figures = (
         f"R̂ at most {format_number(summary['rhat_max'], 4)}, effective samples at least {summary['ess_min']:.0f},"
         f" {summary['steps']} steps with an autocorrelation time of {format_number(summary['tau_max'])} at most"
@@ -20,12 +20,12 @@ def convergence_verdict(summary: Mapping[str, Any]) -> str:
     reasons = "; ".join(summary["not_converged_because"]) or figures
     return (
         f"The chains have not converged: {reasons}. The intervals are provisional;"
-        " run the same command again with more --steps or --max-steps to go on from here."
+        " run the same command again with more --steps or --max-steps to continue."
     )
 
 
 def model_verdict(summary: Mapping[str, Any]) -> str:
-    """Whether the model describes the data, in words; and whether a posterior is cut off."""
+    """State whether the model describes the data, and whether a bound cuts off a posterior."""
     gap = summary["gap"]
     figures = f"the residuals are {format_ratio(gap['train'])} times the noise where it was fitted"
     if gap["held_out"] is not None and math.isfinite(gap["held_out"]):
@@ -33,16 +33,15 @@ def model_verdict(summary: Mapping[str, Any]) -> str:
     verdicts = {
         "none": f"The model describes these data: {figures}. A good fit does not show that nothing is"
         " missing; `cradle diagnose` looks for it.",
-        "small": f"The model describes these data but for a little: {figures}, more than chance leaves. What is small"
-        " against the noise may be many standard deviations of a parameter: `cradle diagnose` looks for what is"
-        " missing, unless the noise is more than stated.",
-        "large": f"The model does not describe these data: {figures}. The intervals must not be trusted: they would"
-        " hold if the model were right, and it is not. Something is missing from it, or wrong in what is stated as"
-        " known.",
+        "small": f"The model describes these data with a small misfit: {figures}, more than chance explains. An effect"
+        " that is small compared with the noise can shift a parameter by many standard deviations. Either the noise is"
+        " larger than stated, or an effect is missing; `cradle diagnose` looks for it.",
+        "large": f"The model does not describe these data: {figures}. The intervals must not be trusted: they"
+        " assume that the model is right. An effect is missing, or a value that is stated as known is wrong.",
     }
     return verdicts[summary["misfit"]] + "".join(
-        f" The posterior of {name} is cut off: it was looked for from {format_number(low, 4)} to"
-        f" {format_number(high, 4)} {unit_plain(summary['parameters'][name]['unit'])}; state a value nearer to it in"
-        " [cradle], or a prior in [infer]."
+        f" The posterior of {name} is cut off at a bound: the search covered {format_number(low, 4)} to"
+        f" {format_number(high, 4)} {unit_plain(summary['parameters'][name]['unit'])}. State a start value closer to"
+        " the posterior in [cradle], or a prior in [infer]."
         for name, (low, high) in summary["at_bounds"].items()
     )

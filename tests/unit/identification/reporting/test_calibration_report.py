@@ -148,7 +148,7 @@ def test_the_report_tells_of_correlated_readings(tmp_path):
         likelihood = posterior.likelihood.with_noise(posterior.likelihood.noise_model.with_inflations([inflation]))
         result_files.save_calibration(dataclasses.replace(posterior, likelihood=likelihood), tmp_path)
         text = (tmp_path / "report.html").read_text(encoding="utf-8")
-        assert ("is correlated: 1.9 of them count" in text) is told
+        assert ("are correlated: 1.9 readings count" in text) is told
     assert json.loads((tmp_path / "summary.json").read_text())["noise_inflation"] == [1.857]
 
 
