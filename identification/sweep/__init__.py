@@ -1,8 +1,13 @@
-"""Sweeps: one run of a cradle at every point of a grid, in memory that does not grow with it.
+"""Sweeps: simulate a cradle at every point of a grid. Memory does not grow with the number of points.
 
-from identification.sweep import Grid, sweep
-swept = sweep(Grid({"beta": betas, "delta": deltas}, Cradle(bobs=2), Release(angle=0.228)), out="folder")
-swept["lambda"], swept.failures()
+Examples
+--------
+>>> from cradle_env import Cradle, Release
+>>> from identification.sweep import Grid, sweep
+>>> grid = Grid({"delta": [-0.01, 0.0, 0.01]}, Cradle(bobs=2), Release(angle=0.228))
+>>> swept = sweep(grid, ("lambda",))
+>>> swept["lambda"].shape, swept.failures()
+((3,), {})
 """
 
 from identification.sweep.engine import sweep

@@ -1,4 +1,4 @@
-"""The runs of a sweep, on threads or any executor, a few at a time."""
+"""Run a sweep on threads or any executor, with a bounded number of tasks in flight."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from identification.sweep.sweep_result import SweepResult
 if TYPE_CHECKING:
     from identification.progress import Progress
 
-#: Runs of one task, and tasks in flight: enough for the overhead to vanish, and for a large cluster to be busy.
+#: Runs of one task, and tasks in flight. With these the overhead of a task is small and a large cluster stays busy.
 _TASK, _IN_FLIGHT = 8, 256
 
 
@@ -45,16 +45,42 @@ def sweep(
     executor: Any = None,
     progress: Progress | None = None,
 ) -> SweepResult:
-    """Runs every point of a grid and takes down some quantities of each, in one process bit for bit as `simulate`.
+    """Simulate every point of a grid and keep some quantities of each run.
 
-    quantities: names of `QUANTITIES`, or any `Quantity`; duration [s] and sample_rate [1/s] of each run; times (T,) [s]
-    at which series such as σ(t) are kept, every second where omitted; out: folder from which the same call goes on
-    after an interruption, in memory only where omitted; workers: threads, all cores where omitted; executor: runs
-    the tasks instead of threads, anything with `submit` whose futures have `result`, `cancel` and
-    `add_done_callback`, such as those of concurrent.futures and Client of dask.distributed.
+    Each run has the same bits as `simulate` gives. A point that cannot be simulated is nan, and
+    `SweepResult.failures` counts it by its reason.
 
-    A point that cannot be simulated is nan and counted by its reason. Raises ValueError for unusable input, and where
-    no point at all can be simulated.
+    Parameters
+    ----------
+    grid : Grid
+        Axes, cradle and release.
+    quantities : sequence of str or Quantity
+        Names in `QUANTITIES`, or quantities of your own.
+    duration : float
+        Simulated time of each run [s].
+    sample_rate : float
+        Samples of each run [1/s].
+    times : array of shape (T,), optional
+        Times at which series such as σ(t) are kept [s]. Default: every second.
+    out : path, optional
+        Folder for the rows. The same call resumes an interrupted sweep from it. Default: memory only.
+    workers : int, optional
+        Number of threads. Default: all cores.
+    executor : object, optional
+        Runs the tasks instead of threads. It has `submit`, whose futures have `result`, `cancel` and
+        `add_done_callback`, as in concurrent.futures and `dask.distributed.Client`.
+    progress : callable, optional
+        Called as progress(stage, fraction, text).
+
+    Returns
+    -------
+    SweepResult
+        The quantities in the shape of the grid.
+
+    Raises
+    ------
+    ValueError
+        If an argument is unusable, or if no point of the grid can be simulated.
     """
     check_range("duration", duration, "s", 0.0, above=True)
     check_range("sample_rate", sample_rate, "1/s", 0.0, above=True)

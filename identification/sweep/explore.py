@@ -1,4 +1,4 @@
-"""The page on which a sweep is explored: a slider for each axis, the cradle in motion, σ(t) beside it."""
+"""A page to explore a sweep: a slider for each axis, the cradle in motion, and σ(t) beside it."""
 
 from __future__ import annotations
 
@@ -24,19 +24,19 @@ from identification.sweep.sweep_result import SweepResult
 if TYPE_CHECKING:
     from identification.progress import Progress
 
-#: What the page goes over where nothing else is asked for: at five bobs and 60 s it has 8 MB.
+#: Default axes of the page. With five bobs and 60 s it has 8 MB.
 AXES: Mapping[str, np.ndarray] = {"beta": np.linspace(0.05, 0.33, 29), "delta": np.linspace(-0.02, 0.02, 11)}
-#: Pictures per second, and of these the share at which σ is kept.
+#: Pictures per second, and the number of pictures for each kept σ.
 RATE, SIGMA_EVERY = 30, 6
 #: The largest page [bytes].
 LARGEST = 10e6
-#: Steps of log10 σ that are kept, and the least σ.
+#: Steps per unit of log10 σ in the page, and the least σ.
 _SIGMA_STEPS, _LEAST_SIGMA = 8000, FLOOR / 10.0
 
 
 @dataclass(frozen=True)
 class _Angle:
-    """θ of one bob, by its index; nan where the cradle has fewer."""
+    """θ of one bob, by its index; nan if the cradle has fewer bobs."""
 
     bob: int
 
@@ -50,7 +50,7 @@ def _most_bobs(grid: Grid) -> int:
 
 
 def check_size(grid: Grid, duration: float) -> None:
-    """ValueError where the page of a grid would be too large to open."""
+    """Raise ValueError if the page of a grid would be too large to open."""
     run = _most_bobs(grid) * duration * RATE * 8.0 / 3.0
     if len(grid) * run > LARGEST:
         raise ValueError(
@@ -68,10 +68,26 @@ def explore_html(
     workers: int | None = None,
     progress: Progress | None = None,
 ) -> str:
-    """The page, which needs no network: runs every point of the grid and keeps its motion, 30 pictures a second.
+    """Simulate every point of the grid and write a page that works offline, with 30 pictures for each second.
 
-    Angles are kept to 1/32767 of the largest. duration, sample_rate, out, workers: as in `sweep`. Raises ValueError
-    where the page would be too large.
+    The page stores angles in steps of 1/32767 of the largest one.
+
+    Parameters
+    ----------
+    grid : Grid
+        Axes, cradle and release.
+    duration, sample_rate, out, workers, progress
+        As in `sweep`.
+
+    Returns
+    -------
+    str
+        The page as HTML.
+
+    Raises
+    ------
+    ValueError
+        If the page would be too large to open.
     """
     check_size(grid, duration)
     angles = [Quantity(f"theta_{i + 1}", "θ", "rad", "angle", _Angle(i), series=True) for i in range(_most_bobs(grid))]
@@ -80,7 +96,7 @@ def explore_html(
         grid, ("lambda", "sigma", *angles), duration=duration, sample_rate=sample_rate, times=times, out=out,
         workers=workers, progress=progress,
     )  # fmt: skip
-    # nan where there is no such bob, or no such run.
+    # nan if a run has fewer bobs, or if there is no run.
     scale = float(np.fmax.reduce([np.fmax.reduce(np.abs(swept[q.name]), axis=None) for q in angles])) / 32767.0
     runs = [_run(swept, index, scale) for index in range(len(grid))]
     widest = max(run["pivots"][-1] for run in runs if run["theta"])
@@ -107,7 +123,7 @@ def explore_html(
 
 
 def _axis(grid: Grid, k: int) -> dict[str, Any]:
-    """An axis for the page: symbol and unit as HTML, name as plain text, values as they are told, where to begin."""
+    """An axis for the page: symbol and unit as HTML, name as plain text, formatted values, index of the first value."""
     axis = grid.axes[k]
     unit, symbol = axis.unit_and_symbol
     here = _stated_value(grid, axis.name)
@@ -121,7 +137,7 @@ def _axis(grid: Grid, k: int) -> dict[str, Any]:
 
 
 def _stated_value(grid: Grid, name: str) -> float | None:
-    """What the cradle and the release of the grid say of a parameter, if it is one number."""
+    """Value of a parameter in the cradle and the release of the grid; None if it is not a single number."""
     cradle, release = grid.cradle, grid.release
     of, _, key = name.partition(".")
     stated = {"release_angle": release.lead(cradle)[1], "gamma": release.gamma(cradle), "lifted": release.bobs}
@@ -130,7 +146,7 @@ def _stated_value(grid: Grid, name: str) -> float | None:
 
 
 def _run(swept: SweepResult, index: int, scale: float) -> dict[str, Any]:
-    """One run for the page: θ as whole steps, bob by bob, and log10 σ as whole steps, both int16 in base64."""
+    """One run for the page: θ in integer steps, bob by bob, and log10 σ in integer steps, both int16 in base64."""
     problem = swept.problems(index, index + 1)[0]
     if problem:
         return {

@@ -18,14 +18,14 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-#: An axis of so few values makes a curve of each of them, rather than a map; so many panels fit on a page.
+#: A second axis with at most this many values makes curves, not a map. Largest number of panels on a page.
 _MOST_CURVES, _MOST_PANELS = 5, 12
-#: What could not be simulated.
+#: Colour of points that cannot be simulated.
 _IMPOSSIBLE_COLOUR = "#D9D9D9"
 
 
 def label(symbol: str, unit: str) -> str:
-    """What an axis of a picture says of a quantity; words stay words."""
+    """Axis label of a quantity: a symbol in mathematical type, words as they are."""
     text = mathtext(symbol) if re.fullmatch(r"\w(_\w+)?(\[\d+\])?", symbol) else symbol
     return text + unit_mathtext(unit)
 
@@ -37,9 +37,22 @@ def _axis_label(axis: Axis) -> str:
 
 @styled
 def sweep_figure(swept: SweepResult) -> Figure:
-    """Each quantity in a row of its own: curves over the longest axis, one for each value of a short second axis; a map
-    over two long axes, or over an axis and time; beyond, a panel for each value of the further axes, evenly chosen
-    where there are many."""
+    """Draw each quantity of a sweep in a row of panels.
+
+    A panel has curves over the longest axis, one for each value of a short second axis. With two long axes, or with
+    time as the second one, it has a map. Each combination of the further axes has a panel; if there are too many,
+    evenly spaced ones are drawn.
+
+    Parameters
+    ----------
+    swept : SweepResult
+        A finished sweep.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        A figure that belongs to no window.
+    """
     from matplotlib.figure import Figure
 
     grid, quantities = swept.plan.grid, swept.plan.quantities
@@ -58,7 +71,7 @@ def sweep_figure(swept: SweepResult) -> Figure:
 
 
 class _Row:
-    """One quantity of a sweep, and which of its axes are drawn; the others are gone through panel by panel."""
+    """One quantity of a sweep. Each panel draws the axes in `drawn` at one combination of the other axes."""
 
     def __init__(self, swept: SweepResult, quantity: Quantity, drawn: list[int]) -> None:
         self.grid, self.quantity = swept.plan.grid, quantity
@@ -80,7 +93,7 @@ class _Row:
         self.values = np.array([values[tuple(panel)] for panel in self.panels])
 
     def draw(self, panels: np.ndarray, figure: Any) -> None:
-        """Draws every panel, and one colour bar for all of them where they are maps."""
+        """Draw every panel, and one colour bar for all maps."""
         name = label(self.quantity.symbol, self.quantity.unit)
         second = self.axes[1] if len(self.axes) == 2 else None
         image = None
@@ -106,7 +119,7 @@ class _Row:
             figure.suptitle("; ".join(notes), fontsize=8)
 
     def _curves(self, axes: Axes, values: np.ndarray, second: Axis | None) -> None:
-        """values: (n,), or (n, few)."""
+        """Draw one curve for values (n,), or several for values (n, few)."""
         x = self.axes[0].values
         several = [("", values)]
         if second is not None:
@@ -119,12 +132,12 @@ class _Row:
         if second is not None:
             axes.legend()
         _scale(axes.set_xscale, x)
-        if not np.isfinite(self.values).any():  # nothing that is drawn sets the limits
+        if not np.isfinite(self.values).any():  # no curve sets the limits
             axes.set(xlim=_edges(x)[[0, -1]], yticks=[])
         quiet_grid(axes)
 
     def _map(self, axes: Axes, values: np.ndarray) -> Any:
-        """values: (n, m), against the second axis or against time; impossible points grey."""
+        """Draw values (n, m) against the second axis or time, with impossible points in grey."""
         x, y = self.axes[0].values, self.times if self.quantity.series else self.axes[1].values
         low, high = _limits(self.values)
         axes.set_facecolor(_IMPOSSIBLE_COLOUR)
@@ -145,7 +158,7 @@ def _panel_title(grid: Grid, others: list[int], panel: tuple) -> str:
 
 
 def _format_coordinate(axis: Axis, i: int) -> str:
-    """ "β = 0.114" of a value of an axis."""
+    """Format a value of an axis, such as "β = 0.114"."""
     unit, symbol = axis.unit_and_symbol
     told = f"{label(symbol, '1')} = {axis.values[i]:.4g}{'' if unit == '1' else ' ' + unit}"
     return told.replace("-", "−")
@@ -157,7 +170,7 @@ def _limits(values: np.ndarray) -> tuple[float, float]:
 
 
 def _geometric(x: np.ndarray) -> bool:
-    """Whether values are spaced evenly in their logarithm, over half a decade at least."""
+    """Whether values are evenly spaced in their logarithm, over at least half a decade."""
     return len(x) > 2 and x[0] > 0.0 and x[-1] > 3.0 * x[0] and np.ptp(np.diff(np.log(x))) < 1e-6
 
 
@@ -167,7 +180,7 @@ def _scale(set_scale: Any, x: np.ndarray) -> None:
 
 
 def _edges(x: np.ndarray) -> np.ndarray:
-    """Borders of the cells about some points, (n + 1,), halfway between them, also where they are unevenly spaced."""
+    """Borders (n + 1,) of the cells around n points, halfway between them, evenly spaced or not."""
     if len(x) == 1:
         return np.array([x[0] - 0.5, x[0] + 0.5])
     logarithmic = _geometric(x)

@@ -1,4 +1,4 @@
-"""What a sweep goes over: named axes over a cradle and its release, and the run that belongs to each index."""
+"""The grid of a sweep: named axes over a cradle and its release, and the run at each index."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from cradle_env.effects import effect
 from cradle_env.errors import one_line, unknown_key
 from cradle_env.release import Release
 
-#: Unit and symbol of what can be swept beside the numbers of Cradle and "effect.key".
+#: Unit and symbol of the parameters that can be swept besides the numbers of Cradle and "effect.key".
 _OTHERS = {
     "bobs": ("1", "N"),
     "beta": ("1", "β"),
@@ -25,17 +25,25 @@ _OTHERS = {
     "release_angle": ("rad", "θ_0"),
     "lifted": ("1", "lifted bobs"),
 }
-#: Both of a pair set the same thing.
+#: Pairs of parameters that set the same quantity.
 EXCLUSIVE = (("beta", "kappa"), ("alpha", "k_f"), ("n", "k_f"), ("gamma", "release_angle"))
-#: Points of a grid at most.
+#: Largest number of points of a grid.
 _MOST = 10**9
-#: name, or name[i] for that of bob or gap i.
+#: "name", or "name[i]" for bob or gap i.
 _ELEMENT = re.compile(r"(?P<whole>[^\[]+)(\[(?P<index>\d+)\])?")
 
 
 @dataclass(frozen=True)
 class Axis:
-    """One dimension of a grid: equally long columns (n,) of parameters that change together, by their names."""
+    """One dimension of a grid, along which one or more parameters change together.
+
+    Parameters
+    ----------
+    name : str
+        Name of the axis.
+    columns : mapping of str to ndarray of shape (n,)
+        Values of each parameter along the axis, by name.
+    """
 
     name: str
     columns: Mapping[str, np.ndarray]
@@ -45,27 +53,42 @@ class Axis:
 
     @property
     def values(self) -> np.ndarray:
-        """The coordinate along the axis, (n,): its parameter, or 0, 1, … where several change together."""
+        """Coordinate along the axis, (n,): its parameter, or 0, 1, … if several parameters change together."""
         return self.columns.get(self.name, np.arange(float(len(self))))
 
     @property
     def unit_and_symbol(self) -> tuple[str, str]:
-        """(unit, symbol) of the coordinate."""
+        """Unit and symbol of the coordinate."""
         return unit_and_symbol(self.name) if self.name in self.columns else ("1", self.name)
 
 
 class Grid:
-    """All combinations of the values of some axes, over a cradle and a release that say the rest.
+    """All combinations of the values of some axes.
 
-    axes: {name: values (n,)}, the last changing fastest. A name is a number of Cradle ("kappa", "length", "delta",
-    "bobs"), one of the paper's groups ("beta" sets κ; "alpha" and "n" make the contact e = 1 − α vⁿ; "gamma" sets the
-    release angle), "release_angle" [rad], "lifted" (how many bobs), or "effect.key"; "delta[2]" is δ of the second gap
-    alone, and likewise "effect.key[2]". κ stays as it is where masses or lengths change, unless "beta" is swept.
-    {name: {parameter: values, …}} makes an axis along which several parameters change together, such as draws of a
-    posterior.
+    An axis has the name of a parameter:
 
-    Raises ValueError for an unknown name, or values that are not numbers. Whether a point can be simulated is found
-    out when it is run.
+    - a number of `Cradle` ("kappa", "length", "delta", "bobs"), or "effect.key";
+    - a group of the paper: "beta" sets κ, "alpha" and "n" set the contact e = 1 − α vⁿ, "gamma" sets the release angle;
+    - "release_angle" [rad], or "lifted" (number of bobs);
+    - "delta[2]" for δ of the second gap alone, and likewise "effect.key[2]".
+
+    κ does not change with masses or lengths, unless "beta" is swept. The sweep, not the grid, finds out which points
+    can be simulated.
+
+    Parameters
+    ----------
+    axes : mapping of str to array of shape (n,)
+        Values of each axis, by name; the last axis changes fastest. {name: {parameter: values, …}} makes an axis along
+        which several parameters change together, such as draws of a posterior.
+    cradle : Cradle
+        All values that are not swept.
+    release : Release
+        Release of each run, unless it is swept.
+
+    Raises
+    ------
+    ValueError
+        If a name is unknown, if two axes set the same quantity, or if values are not finite numbers.
     """
 
     def __init__(
@@ -95,7 +118,7 @@ class Grid:
 
     @property
     def shape(self) -> tuple[int, ...]:
-        """How many values each axis has."""
+        """Number of values of each axis."""
         return tuple(len(axis) for axis in self.axes)
 
     def __len__(self) -> int:
@@ -109,7 +132,7 @@ class Grid:
         )
 
     def point(self, index: int) -> tuple[Cradle, Release]:
-        """Cradle and release at a flat index; ValueError where there can be none."""
+        """Cradle and release at a flat index. Raises ValueError if there is no such cradle."""
         return build_run(
             self.cradle, self.release, dict(zip(self.names, self.values(np.array([index]))[0], strict=True))
         )
@@ -139,7 +162,7 @@ def _check_values(name: str, values: Any) -> np.ndarray:
 
 
 def unit_and_symbol(name: str) -> tuple[str, str]:
-    """(unit, symbol) of a parameter that can be swept; ValueError, with the nearest, if it cannot be."""
+    """Unit and symbol of a parameter. Raises ValueError, with the nearest name, if it cannot be swept."""
     match = _ELEMENT.fullmatch(name)
     whole, index = (match["whole"], match["index"]) if match else (name, None)
     of, dot, key = whole.partition(".")
@@ -157,11 +180,13 @@ def unit_and_symbol(name: str) -> tuple[str, str]:
 
 
 def build_run(cradle: Cradle, release: Release, values: Mapping[str, float]) -> tuple[Cradle, Release]:
-    """The cradle and the release with some parameters set to other values; ValueError where there can be none."""
+    """Set some parameters of a cradle and its release. Raises ValueError if there is no such cradle."""
     fields: dict[str, Any] = {}
     effects = {name: dict(keys) for name, keys in cradle.effects.items()}
     bobs = int(values.get("bobs", cradle.bobs))
-    for name, value in sorted(values.items(), key=lambda item: "[" in item[0]):  # what sets all before what sets one
+    for name, value in sorted(
+        values.items(), key=lambda item: "[" in item[0]
+    ):  # values for all bobs before those for one
         whole, _, element = name.partition("[")
         of, dot, key = whole.partition(".")
         if dot:
@@ -178,7 +203,7 @@ def build_run(cradle: Cradle, release: Release, values: Mapping[str, float]) -> 
 
 
 def release_for_bobs(release: Release, stated: int, bobs: int) -> Release:
-    """A release stated of so many bobs for another number of them; ValueError where its angles would be of others."""
+    """Use a release of `stated` bobs for `bobs` bobs. Raises ValueError if it states angles of single bobs."""
     if release.angles is not None and bobs != stated:
         named = ", ".join(map(str, release.angles))
         raise ValueError(
@@ -193,7 +218,7 @@ def _count(of: str, key: str, bobs: int) -> int:
 
 
 def _with_element(several: Any, element: str, value: float, count: int, name: str) -> Any:
-    """The value, or, where it is that of one bob or gap, all of them with this one changed."""
+    """Return the value, or for one bob or gap the values of all with this one changed."""
     if not element:
         return value
     index = int(element.rstrip("]"))

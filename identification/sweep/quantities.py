@@ -1,4 +1,4 @@
-"""What a sweep takes down of each run: λ, and more."""
+"""The quantities that a sweep keeps of each run: λ and others."""
 
 from __future__ import annotations
 
@@ -14,16 +14,25 @@ from cradle_env.release import Release
 from cradle_env.synchronization import check_duration
 from cradle_env.trajectory import Trajectory
 
-#: Bobs count as synchronized from where on σ stays below this for a whole period.
+#: Bobs are synchronized from the time at which σ stays below this value for a whole period.
 SYNCHRONIZED_SIGMA = 0.05
 
 
 @dataclass(frozen=True)
 class Quantity:
-    """What is measured of a run: measure(run) gives a number, or with `series` one for each of run.t, (T,).
+    """A quantity that a sweep keeps of each run.
 
-    ledger: measure needs the energy ledger, with which a run takes about twice as long. `measure` must be a function
-    of a module where it has to travel to other processes; once it is edited, a sweep does not go on in its old folder.
+    Parameters
+    ----------
+    name, symbol, unit, meaning : str
+        Name in tables, symbol and unit in pictures, and a short description.
+    measure : callable
+        measure(run) returns a number, or with `series` an array of the shape of run.t, (T,). To run in other processes
+        it must be a function of a module. A sweep does not resume in its folder if this function was edited.
+    series : bool
+        Whether the quantity is a function of time.
+    ledger : bool
+        Whether `measure` needs the energy ledger, which doubles the time of a run.
     """
 
     name: str
@@ -52,7 +61,7 @@ def _check_synchronizes(run: Trajectory) -> None:
 
 
 def synchronization_index(run: Trajectory) -> int | None:
-    """Index of the first sample from which on σ < 0.05 for a whole period; None if there is none."""
+    """Index of the first sample after which σ < 0.05 for a whole period; None if there is none."""
     below = np.concatenate([[0], np.cumsum(_sigma(run) < SYNCHRONIZED_SIGMA)])
     whole = math.ceil(run.cradle.period / (run.t[1] - run.t[0]))
     lasting = np.flatnonzero(below[whole:] - below[:-whole] == whole)
@@ -82,7 +91,7 @@ _ALL = (
     Quantity("lambda", "λ", "1/s", "Newton exponent: σ falls about as exp(−λt)", _newton_exponent),
     Quantity("sigma", "σ", "1", "distance from synchronization over time", _sigma, series=True),
     Quantity(
-        "synchronization_time", "t_sync", "s", "from when on σ < 0.05 for a whole period", _synchronization_time
+        "synchronization_time", "t_sync", "s", "time from which σ < 0.05 for a whole period", _synchronization_time
     ),
     Quantity(
         "energy_share",
@@ -92,17 +101,19 @@ _ALL = (
         _energy_share,
         ledger=True,
     ),
-    Quantity("overtaking_time", "t_over", "s", "when first a bob is beyond its neighbour, over which it has jumped: σ"
-             " means little from then on", _overtaking_time),
+    Quantity("overtaking_time", "t_over", "s", "first time at which a bob has jumped over its neighbour; σ means"
+             " little after it", _overtaking_time),
     Quantity("impacts", "impacts", "1", "number of impacts, pair by pair", _impacts),
 )  # fmt: skip
-#: What can be asked for by name.
+#: Quantities by name.
 QUANTITIES = {quantity.name: quantity for quantity in _ALL}
 
 
 def choose_quantities(quantities: Sequence[str | Quantity], taken: Sequence[str]) -> tuple[Quantity, ...]:
-    """The quantities, those of `QUANTITIES` by name; ValueError for an unknown name, none, one twice, or one that is
-    `taken` by something else in a table."""
+    """Look up the quantities that are given by name.
+
+    Raises ValueError for an unknown name, no quantity, a quantity twice, or a name that is in `taken`.
+    """
     found = []
     for asked in quantities:
         if isinstance(asked, str) and asked not in QUANTITIES:

@@ -1,4 +1,4 @@
-"""The runs of a sweep on disk: rows of fixed size, written as they come, so that a kill loses none that are done."""
+"""The runs of a sweep on disk: rows of fixed size, written as runs finish, so that a kill loses no finished run."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from identification.sweep.grid import Grid
 from identification.sweep.quantities import Quantity
 
 FORMAT = "cradle-sweep/1"
-#: What `status` of a row means; from IMPOSSIBLE on, the k-th of the reasons.
+#: Values of `status` of a row; IMPOSSIBLE + k means the k-th reason.
 PENDING, DONE, IMPOSSIBLE = 0, 1, 2
 #: Rows read at a time.
 BLOCK = 8192
@@ -36,7 +36,7 @@ def row_type(quantities: Sequence[Quantity], times: np.ndarray) -> np.dtype:
 
 @dataclass(frozen=True)
 class Plan:
-    """A whole sweep: what is run, what is taken down of it, and at which `times` (T,) [s] of series."""
+    """A sweep: its grid, its quantities, and the times (T,) [s] of series."""
 
     grid: Grid
     quantities: tuple[Quantity, ...]
@@ -45,7 +45,7 @@ class Plan:
     sample_rate: float
 
     def digest(self) -> str:
-        """SHA-256 of all that decides the results."""
+        """SHA-256 of everything on which the results depend."""
         measures = [(q.name, fingerprint(q.measure)) for q in self.quantities]
         grid = self.grid
         swept = [effect(name.partition(".")[0]) for name in grid.names if "." in name]
@@ -66,7 +66,7 @@ class Store:
         self.rows, self._plan = folder / "runs.npy", folder / "plan.json"
         self.dtype, self.count = row_type(plan.quantities, plan.times), len(plan.grid)
         self._digest = plan.digest()
-        #: The first point of each kind of impossible ones, and what is wrong with it.
+        #: The first point of each kind of impossible points, and the reason.
         self.reasons: list[tuple[int, str]] = []
         folder.mkdir(parents=True, exist_ok=True)
         if self._plan.exists():
@@ -81,7 +81,7 @@ class Store:
     def _begin(self) -> None:
         temporary = self.rows.with_name(".runs.npy.part")
         temporary.unlink(missing_ok=True)
-        # The file is sparse: a million rows to come take no place yet.
+        # The file is sparse: rows that are not yet written take no space.
         np.lib.format.open_memmap(temporary, mode="w+", dtype=self.dtype, shape=(self.count,))
         os.replace(temporary, self.rows)
 
@@ -111,7 +111,7 @@ class Store:
         write_together(self._plan.parent, {self._plan.name: json_text(content)})
 
     def remove(self) -> None:
-        """Takes the files away."""
+        """Delete the files."""
         for file in (self.rows, self._plan):
             file.unlink()
 
@@ -120,18 +120,18 @@ class Store:
         return np.load(self.rows, mmap_mode=mode)
 
     def pending(self, size: int) -> Iterator[np.ndarray]:
-        """Flat indices of the points that are still to run, at most `size` at a time."""
+        """Yield flat indices of the unfinished points, at most `size` at a time."""
         for start in range(0, self.count, BLOCK):
             todo = start + np.flatnonzero(self.open()[start : start + BLOCK]["status"] == PENDING)
             yield from (todo[k : k + size] for k in range(0, len(todo), size))
 
     def done(self) -> int:
-        """How many points have been run, or found impossible."""
+        """Number of points that are simulated or impossible."""
         starts = range(0, self.count, BLOCK)
         return sum(int(np.count_nonzero(self.open()[start : start + BLOCK]["status"])) for start in starts)
 
     def write(self, indices: np.ndarray, rows: np.ndarray, problems: Mapping[int, str]) -> None:
-        """Takes down the rows (n,) of the points (n,), and why some, by their place among them, are impossible."""
+        """Write the rows (n,) of the points (n,), and the reasons of impossible ones, by their place among the rows."""
         for k, problem in problems.items():
             rows["status"][k] = IMPOSSIBLE + self._reason(int(indices[k]), problem)
         # Not through a mapping of the file: where the disk is full, that kills the process. Of a row the status is
@@ -143,7 +143,7 @@ class Store:
                 file.write(rows[stretch].tobytes())
 
     def _reason(self, index: int, problem: str) -> int:
-        """The number of a kind of reason, whatever the values that it names; the first point is kept as its example."""
+        """Number of a kind of reason, which ignores its values; the first point is kept as an example."""
         kinds = [reason_kind(reason) for _, reason in self.reasons]
         if reason_kind(problem) not in kinds:
             self.reasons.append((index, problem))
@@ -157,5 +157,5 @@ class Store:
 
 
 def reason_kind(problem: str) -> str:
-    """What a reason says, its numbers left out."""
+    """A reason without its numbers."""
     return _NUMBER.sub("…", problem)

@@ -1,4 +1,4 @@
-"""What a sweep gives back."""
+"""The result of a sweep."""
 
 from __future__ import annotations
 
@@ -13,7 +13,20 @@ from identification.sweep.tables import write_table
 
 
 class SweepResult:
-    """A finished sweep. swept[name]: a quantity in the shape of the grid, for a series (…, T); nan where impossible."""
+    """A finished sweep.
+
+    `swept[name]` is a quantity as an array of the shape of the grid, with a last axis of T times for a series. It is
+    nan at points that cannot be simulated.
+
+    Parameters
+    ----------
+    plan : Plan
+        The grid, the quantities and the times.
+    rows : ndarray of shape (points,)
+        One structured row for each point, in C order of the grid.
+    reasons : sequence of (int, str)
+        For each kind of impossible point, the index of its first one and the reason.
+    """
 
     def __init__(self, plan: Plan, rows: np.ndarray, reasons: Sequence[tuple[int, str]]) -> None:
         self.plan, self.rows, self.reasons = plan, rows, tuple(reasons)
@@ -23,12 +36,12 @@ class SweepResult:
         return np.array(column).reshape(self.plan.grid.shape + column.shape[1:])
 
     def problems(self, start: int, stop: int) -> list[str]:
-        """What is wrong with each of the points from one flat index to another, numbers left out; "" if nothing is."""
+        """Reasons why points start to stop (flat indices) are impossible, without numbers; "" for possible points."""
         kinds = ["", "", *(reason_kind(reason) for _, reason in self.reasons)]
         return [kinds[status] for status in self.rows[start:stop]["status"]]
 
     def failures(self) -> dict[str, int]:
-        """How many points are impossible, by reason; each reason is told as it is at the first of them."""
+        """Count the impossible points by reason; each reason is that of its first point."""
         counts: Counter[int] = Counter()
         for start in range(0, len(self.rows), BLOCK):
             counts.update(self.rows[start : start + BLOCK]["status"].tolist())
@@ -36,5 +49,21 @@ class SweepResult:
         return {reason: counts[status] for _, reason, status in numbered if counts[status]}
 
     def save(self, path: str | Path) -> Path:
-        """Writes a table, by its ending: .csv, .parquet (needs pyarrow) or .nc (netCDF, in the shape of the grid)."""
+        """Write the sweep as a table.
+
+        Parameters
+        ----------
+        path : path
+            Ends in .csv, .parquet (needs pyarrow) or .nc (netCDF, in the shape of the grid).
+
+        Returns
+        -------
+        Path
+            The path of the file.
+
+        Raises
+        ------
+        ValueError
+            If the ending is another one, or pyarrow is not installed.
+        """
         return write_table(self, Path(path))

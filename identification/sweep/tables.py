@@ -19,18 +19,18 @@ ENDINGS = (".csv", ".parquet", ".nc")
 
 
 class Rows(Protocol):
-    """What a table is made of: a sweep's plan, its rows (N,), and what is wrong with some of them."""
+    """The content of a table: plan and rows (N,) of a sweep, and the reasons of impossible points."""
 
     plan: Plan
     rows: np.ndarray
 
     def problems(self, start: int, stop: int) -> list[str]:
-        """Of each row from start to stop; "" if nothing is."""
+        """Reasons for rows start to stop; "" for possible points."""
         ...
 
 
 def check_table(path: Path) -> None:
-    """ValueError unless tables of this ending can be written here: better before a sweep than after it."""
+    """Raise ValueError if no table with this ending can be written. Call it before the sweep."""
     if path.suffix not in ENDINGS:
         raise ValueError(f"{path}: a table ends in {', '.join(ENDINGS)}; rename it")
     if path.suffix == ".parquet":
