@@ -1,1 +1,1 @@
-"""Benchmarks, and the peers they are run against."""
+"""Benchmarks of speed, accuracy and diagnosis, and the SciPy integrator that they compare with."""

@@ -1,8 +1,8 @@
 """Diagnoses of experiments whose answers are known: python -m identification.bench.diagnosis FOLDER --out DIR
 
 FOLDER holds answers.json, {case: {"effects": [names], "truth": {parameter: value}}}, and a folder per case with its
-experiment.toml; an effect "?" stands for what is in no catalogue. Each case is kept as it is finished, so that the
-same command goes on; DIR/study.md is the table, with every miss in it.
+experiment.toml. The effect "?" stands for one that is not in the catalogue. Each finished case is kept, so that the
+same command resumes. DIR/study.md is the table of all cases, misses included.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ _COLUMNS = ("case", "hidden", "verdict", "named", "one of", "gap before", "gap a
 
 
 def study(folder: Path, out: Path, seed: int = 0, workers: int | None = None) -> list[dict[str, Any]]:
-    """Diagnoses every case that is not yet finished; the rows of the table."""
+    """Diagnose every case that is not yet finished; return the rows of the table."""
     answers = json.loads((folder / "answers.json").read_text(encoding="utf-8"))
     rows = []
     for name, answer in answers.items():
@@ -44,15 +44,18 @@ def study(folder: Path, out: Path, seed: int = 0, workers: int | None = None) ->
 def diagnose_case(
     path: Path, out: Path, answer: Mapping[str, Any], seed: int, workers: int | None
 ) -> dict[str, Any]:  # fmt: skip
-    """One row, with what it cost."""
+    """Diagnose one case; return its row with the time that it took."""
     began = time.monotonic()
     content = save(diagnose(Experiment.load(path), seed=seed, workers=workers), out)
     return row(content, answer) | {"seconds": round(time.monotonic() - began, 1)}
 
 
 def row(content: Mapping[str, Any], answer: Mapping[str, Any]) -> dict[str, Any]:
-    """What was hidden, what was found, and whether that is right; of the hidden effects also the intervals of their
-    parameters, or how much of them the data may hide. content: that of diagnosis.json."""
+    """Compare a diagnosis with the answer.
+
+    The row has the hidden and the named effects and whether they agree, the intervals of the hidden effects'
+    parameters, and their detection limits. content: of diagnosis.json.
+    """
     found = [step["effect"] for step in content["steps"]]
     hidden = [str(name) for name in answer["effects"]]
     known = {effect.name for effect in CATALOGUE}
@@ -73,7 +76,7 @@ def row(content: Mapping[str, Any], answer: Mapping[str, Any]) -> dict[str, Any]
 
 
 def is_right(verdict: str, found: Sequence[str], equivalent: Sequence[Sequence[str]], hidden: Sequence[str]) -> bool:
-    """Whether a verdict is that which the hidden effects call for."""
+    """Whether the verdict is right for these hidden effects."""
     if not hidden:
         return verdict == "nothing_missing"
     if "?" in hidden:
@@ -82,8 +85,7 @@ def is_right(verdict: str, found: Sequence[str], equivalent: Sequence[Sequence[s
 
 
 def parameter_errors(parameters: Mapping[str, Any], truth: Mapping[str, float]) -> dict[str, float]:
-    """Errors of the cradle's parameters in units of their standard deviation. parameters: as diagnosis.json has
-    them."""
+    """Errors of the cradle's parameters in units of their standard deviation. parameters: of diagnosis.json."""
     found = {}
     for name, value in truth.items():
         if name in parameters:
@@ -94,7 +96,7 @@ def parameter_errors(parameters: Mapping[str, Any], truth: Mapping[str, float]) 
 
 
 def markdown_table(rows: Sequence[Mapping[str, Any]]) -> str:
-    """The rows in Markdown, and how many were right."""
+    """Write the rows as a table in Markdown, and count the right ones."""
     lines = ["| " + " | ".join(_COLUMNS) + " |", "|" + "---|" * len(_COLUMNS)]
     lines += [_markdown_row(row) for row in rows]
     counted = [row for row in rows if row["right"] is not None]

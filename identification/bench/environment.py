@@ -1,4 +1,4 @@
-"""Steps per second of the environments beside Gymnasium's own, in one run: `cradle bench`."""
+"""Steps per second of our environments and of Gymnasium's own, measured in the same run: `cradle bench`."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import gymnasium as gym
 import cradle_env  # noqa: F401  registers the environments
 from cradle_env.threads import cores
 
-#: Gymnasium's classics, and ours, each with its default wrappers.
+#: Classic environments of Gymnasium, and ours, each with its default wrappers.
 _SINGLE: dict[str, tuple[str, dict[str, Any]]] = {
     "Pendulum-v1": ("Pendulum-v1", {}),
     "Acrobot-v1": ("Acrobot-v1", {}),
@@ -23,7 +23,7 @@ _ROUNDS = 7
 
 
 def single_environments(steps: int = 4000) -> dict[str, float]:
-    """Steps per second of each, with random actions, the best of several rounds that take turns."""
+    """Measure steps per second of each environment with random actions: the best of several alternating rounds."""
     players = {name: _player(gym.make(kind, **settings), steps) for name, (kind, settings) in _SINGLE.items()}
     best = dict.fromkeys(players, 0.0)
     for _ in range(_ROUNDS):
@@ -47,7 +47,7 @@ def _player(env: gym.Env, steps: int) -> Callable[[], None]:
 
 
 def vector_environments(steps: int = 40) -> dict[str, float]:
-    """Steps per second, environments times calls, of 1024 cradles of five bobs on one thread and on two."""
+    """Measure steps per second (environments times calls) of 1024 cradles of five bobs on one and two threads."""
     best: dict[str, float] = {}
     for workers in (1, 2)[: cores()]:
         env = gym.make_vec("NewtonCradle-v0", num_envs=_MANY, bobs=5, workers=workers)

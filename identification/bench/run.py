@@ -1,7 +1,8 @@
-"""Speed and accuracy as ratios, measured in one run on one core: `cradle bench`.
+"""Speed and accuracy compared with SciPy, measured in one run on one core: `cradle bench`.
 
-The opponent is SciPy's DOP853 with events (`scipy_peer`) at rtol 1e-8, NSP with hysteretic strings. Both are
-compared with the same peer at rtol 1e-13; from N = 3 on over the first seconds only, since rounding errors grow.
+Both integrators simulate NSP with hysteretic strings: ours, and SciPy's DOP853 with events (`scipy_peer`) at rtol
+1e-8. The reference for both errors is the SciPy integrator at rtol 1e-13. For N >= 3 the comparison covers the first
+seconds only, because rounding errors grow.
 """
 
 from __future__ import annotations
@@ -34,9 +35,9 @@ from identification.storage.stamps import check_replaceable
 
 _FILE, _FORMAT = "bench.json", "cradle-bench/1"
 _ANGLE, _RATE = 0.228, 60.0
-#: What is raced, and over how long accuracy is compared [s]: all of it for two bobs, else before rounding grows.
+#: Number of bobs, and the time over which accuracy is compared [s]: the whole run, or until rounding errors grow.
 _RACES = {2: np.inf, 5: 3.0}
-#: Our tolerance as it is by default, and a smaller one.
+#: Our default tolerance, and a smaller one.
 _TOLERANCES = (TOLERANCE, 1e-15)
 _REPEATS = 5
 _FIRST_CALL = "import time; t = time.perf_counter(); import cradle_env as c; c.simulate(c.Cradle(), c.Release(angle=0.228)); print(time.perf_counter() - t)"  # noqa: E501
@@ -44,7 +45,7 @@ _IMPORT = "import time; t = time.process_time(); import {}; print(time.process_t
 
 
 def race(bobs: int, duration: float, compared: float) -> list[dict[str, Any]]:
-    """Time [s] and largest error of θ [rad] of our integrator and of SciPy's over the same run."""
+    """Measure time [s] and largest error of θ [rad] of our integrator and of SciPy's over the same run."""
     cradle, release = Cradle(bobs=bobs), Release(angle=_ANGLE)
     times = np.arange(int(duration * _RATE) + 1) / _RATE
     early = times <= compared
@@ -65,7 +66,7 @@ def race(bobs: int, duration: float, compared: float) -> list[dict[str, Any]]:
 
 
 def _time_best(function: Callable[[], np.ndarray]) -> tuple[float, np.ndarray]:
-    """(the least of _REPEATS times [s], the result), after one that is not counted: it may compile and fill caches."""
+    """Return the least of _REPEATS times [s] and the result. An earlier call, not timed, compiles and fills caches."""
     result, best = function(), np.inf
     for _ in range(_REPEATS):
         start = time.perf_counter()
@@ -79,7 +80,7 @@ def _error(theta: np.ndarray, reference: np.ndarray, early: np.ndarray) -> float
 
 
 def first_calls() -> dict[str, float]:
-    """Seconds of import and first simulation in a fresh process: without compiled kernels, and with them."""
+    """Measure import and first simulation in a fresh process [s], without and with compiled kernels."""
     spec = importlib.util.find_spec("cradle_env")
     assert spec is not None and spec.origin is not None
     with tempfile.TemporaryDirectory() as folder:
@@ -91,7 +92,7 @@ def first_calls() -> dict[str, float]:
 
 
 def import_times() -> dict[str, float]:
-    """Processor seconds of each import in a fresh process, the least of five."""
+    """Measure the processor time of each import in a fresh process [s], the least of five."""
     return {
         f"import {name}": min(_run_python(_IMPORT.format(name)) for _ in range(5))
         for name in ("cradle_env", "gymnasium")
@@ -99,7 +100,7 @@ def import_times() -> dict[str, float]:
 
 
 def _run_python(code: str, folder: str | None = None) -> float:
-    """The number that `code` prints in a fresh interpreter that looks for packages in `folder` first."""
+    """Run `code` in a fresh interpreter with `folder` first on its path; return the number that it prints."""
     found = subprocess.run(
         [sys.executable, "-c", code], cwd=folder, capture_output=True, text=True, check=True, env=_environment(folder)
     )
@@ -112,7 +113,7 @@ def _environment(folder: str | None) -> dict[str, str]:
 
 
 def main(duration: float, out: Path | None) -> None:
-    """Measures, prints a table, and writes bench.json if a folder is given."""
+    """Run all benchmarks, print tables, and write bench.json if a folder is given."""
     check_range("duration", duration, "s", 1.0)
     if out is not None:
         check_replaceable(out, (_FILE,), _FILE, _FORMAT)
