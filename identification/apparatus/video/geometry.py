@@ -11,6 +11,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.ndimage import maximum_filter1d
 
 from cradle_env.cradle import Cradle
 from identification.apparatus.residuals import correlation_of
@@ -144,8 +145,12 @@ def _flights(times: np.ndarray, x: np.ndarray, radius: float) -> list[tuple[int,
     gap = np.diff(x, axis=1)
     touch = np.nanquantile(gap, 0.02) if gap.size else -np.inf
     free = np.isfinite(x)
+    # At a low frame rate an impact falls between two frames, neither of which shows the bobs in touch: they count as
+    # apart where their gap could not close within a frame at the fastest pace of the frames around.
+    change = np.abs(np.diff(gap, axis=0, prepend=gap[:1], append=gap[-1:]))
+    pace = maximum_filter1d(np.nan_to_num(np.maximum(change[1:], change[:-1])), 3, axis=0)
     with np.errstate(invalid="ignore"):
-        apart = gap > touch + _CLEAR * radius
+        apart = gap - pace > touch + _CLEAR * radius
     free[:, :-1] &= apart
     free[:, 1:] &= apart
     found = []
@@ -206,9 +211,10 @@ def _swings(
         return float(total - pull @ middle), middle, normal, wide, count - len(bobs)
 
     prior, known = (_UNEVEN / (_ELSEWHERE * radius)) ** 2, about[bobs]
-    # Between impacts a bob flies for half a period, alone on its strings each piece is a whole one.
-    longest = max(t[-1] - t[0] for _, t, _ in parts)
-    grid = (1.0 if len(about) > 1 else 2.0) * np.pi / longest * np.geomspace(0.5, 1.4, 60)
+    # Between impacts a bob flies for half a period, but two that nearly agree stay apart for longer: the longest
+    # flight bounds the frequency from below, the usual one from above. Alone on its strings each piece is a whole one.
+    lengths = np.array([t[-1] - t[0] for _, t, _ in parts])
+    grid = (1.0 if len(about) > 1 else 2.0) * np.pi * np.geomspace(0.5 / lengths.max(), 1.4 / np.median(lengths), 100)
     cost = [fitted(omega)[0] for omega in grid]
     best = int(np.argmin(cost))
     low, high = grid[max(best - 1, 0)], grid[min(best + 1, len(grid) - 1)]

@@ -27,6 +27,8 @@ _FAINT, _CLEAR = 0.3, 0.55
 _APART = 1.75
 #: What a bob that is not found costs, in units of the response, and how much a distance from where it should be may.
 _MISSED, _FAR = 0.25, 0.6
+#: Times in WebM and Matroska are whole milliseconds, half a frame at 500 frames/s.
+_TICK = 1e-3
 #: Part of the time between two frames that a shutter is taken to be open.
 _OPEN = 0.5
 
@@ -53,7 +55,18 @@ def track(film: Film, found: Survey, progress: Progress = lambda *_: None) -> Tr
             rate = number / max(clock.monotonic() - began, 1e-9)
             progress("track", number / found.frames, f"frame {number} of {found.frames}, {rate:.0f} frames/s")
     table = np.array(rows)
-    return Tracks(np.array(times), table[..., :2], table[..., 2], table[..., 3])
+    return Tracks(
+        even(np.array(times), _TICK / film.slow_motion), table[..., :2], table[..., 2], table[..., 3]
+    )  # fmt: skip
+
+
+def even(times: np.ndarray, tick: float) -> np.ndarray:
+    """Times (T,) of a constant rate where those given are such, rounded to `tick` [s]; else those given."""
+    if len(times) < 3:
+        return times
+    number = np.arange(len(times))
+    line = np.polynomial.Polynomial.fit(number, times, 1)(number)
+    return line if np.abs(times - line).max() <= tick else times
 
 
 class _Tracker:
