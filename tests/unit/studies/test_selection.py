@@ -1,0 +1,137 @@
+"""The study of selection by evidence: its evidence against integrals, its search against other histories."""
+
+import math
+
+import numpy as np
+import pytest
+from scipy.integrate import quad
+
+from cradle_env.cradle import Cradle
+from cradle_env.release import Release
+from identification.diagnosis.selection.candidates import list_candidates, parameter_of, starts
+from identification.experiment.experiment import Experiment
+from identification.experiment.run import ReleaseInfo, Run
+from identification.inference.unknowns import model_unknowns
+from studies.diagnosis.rows import read_rows
+from studies.selection.__main__ import HERE
+from studies.selection.continuation import FIRST_PERIODS, LAST_SHARE, Basin, Minimum, horizons
+from studies.selection.evidence import LaplaceTerms, log_prior
+from studies.selection.model_search import ModelSearch
+from studies.selection.table import wilson, write_page
+from studies.selection.verdict import select_effects
+from tests.synthetic import simulated_run
+
+DRAG = {"quadratic_drag": {"c2": 6e-3}}
+FRICTION = {"pivot_friction": {"tau_c": 6e-5}}
+
+
+def pendulum(effects: dict, seed: int = 1) -> Experiment:
+    """A pendulum with these effects, described without them."""
+    described = Cradle(bobs=1, b=0.002)
+    run = simulated_run(described.replace(effects=effects), duration=20.0, noise=2e-4, seed=seed)
+    return Experiment(described, (run,))
+
+
+def test_evidence_of_a_gaussian_is_its_integral():
+    # Laplace is exact here, so that only rounding is left; c = 2 checks that χ² and information are both divided.
+    information, curvature, c = np.array([[3.0, 1.0], [1.0, 2.0]]), np.array([0.5, 4.0]), 2.0
+    terms = LaplaceTerms(1.7, information, -0.3, curvature)
+    H = information / c + np.diag(curvature)
+
+    def inner(y: float) -> float:
+        return quad(lambda x: math.exp(-0.5 * 1.7 / c - 0.3 - 0.5 * np.array([x, y]) @ H @ [x, y]), -20, 20)[0]
+
+    assert terms.log_evidence(c) == pytest.approx(math.log(quad(inner, -20, 20)[0]), abs=1e-6)
+
+
+@pytest.mark.parametrize("address", ["quadratic_drag.c2", "frame_compliance.frame_mass", "frame_compliance.frequency",
+                                     "clock_scale.scale", "group_drag.range"])  # fmt: skip
+def test_prior_of_an_effect_parameter_is_normalized(address):
+    """Over its sampled coordinate, whether sampled as a logarithm or not; a missing Jacobian or factor of 2 shows."""
+    name = address.partition(".")[0]
+    candidate = next(c for c in list_candidates(Cradle(bobs=2)) if c.name == name)
+    cradle = Cradle(bobs=2, effects={name: next(starts(candidate.declaration, 2, (1.0,)))})
+    run = Run(np.arange(3.0), np.zeros((3, 2)), release=ReleaseInfo(Release(angle=0.2)), noise=1e-3, delta=0.0)
+    experiment = Experiment(cradle, (run,), unknown_effect_parameters=(address,))
+    u = next(u for u in model_unknowns(experiment) if u.name == address)
+    scale = parameter_of(address).scale
+    if u.log:  # tails fall at least as exp(-|z|)
+        mass = quad(lambda z: math.exp(log_prior(u, z)[0]), math.log(scale) - 30.0, math.log(scale) + 30.0, limit=500)[
+            0
+        ]
+    else:  # the tangent maps the whole line to an interval: heavy tails need no cut
+        mass = quad(
+            lambda a: math.exp(log_prior(u, scale * math.tan(a))[0]) * scale / math.cos(a) ** 2,
+            0.0 if u.low >= 0.0 else -math.pi / 2,
+            math.pi / 2,
+        )[0]
+    assert mass == pytest.approx(1.0, abs=1e-3)  # of the numerical integral
+
+
+def test_a_point_with_far_less_misfit_than_predicted_lies_in_another_basin():
+    """A double well: the parabola about the higher minimum says nothing of the lower one."""
+    basin = Basin(Minimum(np.zeros(1), 100.0), np.array([[50.0]]), unit=1.0)
+    assert basin.holds(np.array([0.5]), 100.0 + 50.0 * 0.5**2)
+    assert not basin.holds(np.array([3.0]), 90.0)
+    assert not basin.holds(np.array([3.0]), 110.0)  # 450 predicted
+    assert not basin.holds(np.array([0.5]), 150.0)
+    assert basin.sd(0) == pytest.approx(50.0**-0.5)
+
+
+def test_horizons_double_and_end_before_the_data():
+    experiment = pendulum({})
+    search = ModelSearch(experiment)
+    found = horizons(search._likelihood(experiment))
+    assert found[0] == FIRST_PERIODS and np.all(np.diff(np.log2(found)) == 1.0)
+    assert found[-1] < LAST_SHARE * (2.0 / 3.0) * 20.0 / experiment.cradle.period
+
+
+def test_chi2_of_a_model_is_a_function_of_the_model():
+    """Two effects, reached by adding either first, have one χ² to within a unit: basins exist in strengths, too."""
+    experiment = pendulum(DRAG | FRICTION)
+    found = {}
+    for order in (("quadratic_drag", "pivot_friction"), ("pivot_friction", "quadratic_drag")):
+        search = ModelSearch(experiment)
+        model = search.fit_base()
+        for name in order:
+            candidate = next(c for c in list_candidates(experiment.cradle) if c.label == name)
+            model = search._model(model, candidate)
+            assert model is not None
+        search.share_modes(list(search.models.values()))
+        found[order] = model.chi2
+    one, other = found.values()
+    assert one == pytest.approx(other, abs=1.0)
+
+
+@pytest.mark.slow
+def test_nothing_is_found_where_nothing_is_hidden():
+    selection = select_effects(pendulum({}))
+    assert selection.verdict == "nothing_missing"
+    assert selection.sets[0][0] == ()
+    assert selection.margin > 0.0
+
+
+@pytest.mark.slow
+def test_a_strong_effect_is_named():
+    selection = select_effects(pendulum(DRAG))
+    assert selection.sets[0][0] == ("quadratic_drag",)
+    assert selection.verdict == "named"
+    assert 0.5 < selection.probability <= 1.0
+
+
+@pytest.mark.slow
+def test_a_pair_is_named():
+    selection = select_effects(pendulum(DRAG | {"angle_offset": {"offset": 3e-3}}))
+    assert set(selection.sets[0][0]) == {"quadratic_drag", "angle_offset"}
+
+
+def test_wilson_interval_is_that_of_the_formula():
+    p, n, z = 0.9, 10, 1.959963984540054
+    centre = (p + z**2 / (2 * n)) / (1 + z**2 / n)
+    half = z / (1 + z**2 / n) * math.sqrt(p * (1 - p) / n + z**2 / (4 * n**2))
+    assert wilson(9, 10) == f"9 of 10 [{100 * (centre - half):.0f}–{100 * (centre + half):.0f} %]"
+
+
+def test_the_page_is_made_of_the_kept_rows(tmp_path):
+    write_page(read_rows(HERE / "results.jsonl"), tmp_path / "results.md")
+    assert (tmp_path / "results.md").read_text(encoding="utf-8") == (HERE / "results.md").read_text(encoding="utf-8")
