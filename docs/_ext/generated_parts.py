@@ -188,6 +188,13 @@ def criteria() -> str:
     return options_table(Criteria)
 
 
+def search_options() -> str:
+    """A row for each option of the inference."""
+    from identification.inference.search_options import SearchOptions
+
+    return options_table(SearchOptions)
+
+
 def options_table(options: type) -> str:
     """A row for each field of a dataclass of options: its default, and what its NumPy docstring says of it."""
     assert is_dataclass(options)
@@ -204,6 +211,7 @@ def options_table(options: type) -> str:
 
 PARTS: dict[str, Callable[[], str]] = {
     "criteria": criteria,
+    "search-options": search_options,
     "effects-overview": effects_overview,
     "effects": effects,
     "command-line": command_line,

@@ -1,5 +1,6 @@
 """The README and the documentation say what the program does."""
 
+import ast
 import contextlib
 import dataclasses
 import io
@@ -14,6 +15,7 @@ import pytest
 from cradle_env import CATALOGUE
 from identification.cli.app import app, main
 from identification.diagnosis.criteria import Criteria
+from identification.inference.search_options import SearchOptions
 from tests.paths import ROOT
 
 DOCS, README = ROOT / "docs", ROOT / "README.md"
@@ -119,6 +121,11 @@ def test_the_page_of_the_command_line_has_each_command_and_option(parts):
 def test_the_page_on_inference_has_each_threshold_of_a_diagnosis(parts):
     rows = dict(re.findall(r"^\| `(\w+)` \| (\S+) \| \w.{20,} \|$", parts["criteria"], re.MULTILINE))
     assert {name: float(text) for name, text in rows.items()} == dataclasses.asdict(Criteria())
+
+
+def test_the_page_on_inference_has_each_option_of_the_search(parts):
+    rows = dict(re.findall(r"^\| `(\w+)` \| ([^|]+) \| .{20,} \|$", parts["search-options"], re.MULTILINE))
+    assert {name: ast.literal_eval(text) for name, text in rows.items()} == dataclasses.asdict(SearchOptions())
 
 
 def test_the_page_of_files_has_each_schema(parts):
