@@ -1,4 +1,4 @@
-"""The paper's figures from its equations, and what they say of its claims: one file per group of figures."""
+"""The paper's figures from its equations, and a judgement of its claims: one file for each group of figures."""
 
 from identification.reproduce import (
     bands,

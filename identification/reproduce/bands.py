@@ -33,7 +33,7 @@ def calibrate_example(folder: Path, seed: int, workers: int | None, progress: Pr
     run = simulate(cradle, STANDARD_RELEASE, _DURATION, _RATE)
     readings = run.theta + _NOISE * np.random.default_rng(seed).standard_normal(run.theta.shape)
     seen = Run(run.t, readings, release=ReleaseInfo(STANDARD_RELEASE, angle_sd=1e-3), delta=0.0, noise=_NOISE)
-    # A folder of its own: chains of another program are not gone on with, no other calibration is replaced.
+    # A folder of its own, so that no chain of another program is resumed and no other calibration is replaced.
     own = folder / program_hash(cradle.composition)
     posterior = calibrate(Experiment(cradle, (seen,)), out=own, seed=seed, workers=workers, progress=progress)
     posterior.save(own / "posterior.nc")
@@ -41,14 +41,14 @@ def calibrate_example(folder: Path, seed: int, workers: int | None, progress: Pr
 
 
 def check_posterior(posterior: Posterior) -> None:
-    """ValueError where what was calibrated cannot be swept: where it has a value for each bob, say."""
+    """Raise ValueError if the calibrated cradle cannot be swept, for example if it has a value for each bob."""
     for parameter in PARAMETERS:
         for bobs in BOBS:
             _cradle(posterior, parameter.name, bobs)
 
 
 def _cradle(posterior: Posterior, swept: str, bobs: int) -> Cradle:
-    """The cradle that was calibrated, of so many bobs, for the sweep of a parameter."""
+    """The calibrated cradle with `bobs` bobs, for the sweep of a parameter."""
     calibrated = posterior.experiment.cradle_of(posterior.experiment.runs[0])
     law = (PUBLISHED_ALPHA, PUBLISHED_N) if swept == "alpha" else calibrated.power_law
     return calibrated.replace(bobs=bobs, delta=float(np.mean(calibrated.delta)), power_law=law)
@@ -57,7 +57,7 @@ def _cradle(posterior: Posterior, swept: str, bobs: int) -> Cradle:
 def _data(study: Study) -> Tables:
     posterior = study.posterior()
     points = posterior.draws(_DRAWS)
-    # What belongs to one bob or gap of the experiment says nothing of a cradle with more of them.
+    # A value of one bob or gap of the experiment does not apply to a cradle with more of them.
     drawn = {
         u.name: np.asarray(u.value(points[:, k]))
         for k, u in enumerate(posterior.unknowns)

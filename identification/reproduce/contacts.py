@@ -25,7 +25,7 @@ _COMPARED = 5.0
 
 
 def overlaps(time: np.ndarray, pair: np.ndarray, duration: np.ndarray) -> np.ndarray:
-    """Which contacts (M,), in order of time [s], share a bob with another at some instant; each lasts `duration`."""
+    """Whether each contact (M,), in order of time [s], shares a bob with another one; a contact lasts `duration`."""
     multi = np.zeros(len(time), bool)
     for k in range(len(time)):
         j = k + 1

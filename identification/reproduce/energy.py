@@ -26,7 +26,7 @@ _SLOPES = (0.0, 0.5, 1.0)
 
 
 def _conserved(study: Study) -> dict[str, np.ndarray]:
-    """E/E0 after so long that nothing moves against anything, of models without external loss."""
+    """E/E0 of models without external loss, after all relative motion has ceased."""
     bobs = np.arange(2, _MOST + 1)
     columns: dict[str, list[float]] = {"ho": [], "pendulum": []}
     for n in bobs:
@@ -41,7 +41,7 @@ def _conserved(study: Study) -> dict[str, np.ndarray]:
 
 
 def _budget(run: Trajectory) -> tuple[float, ...]:
-    """(t [s], what is left of E0, and what impacts, drag and strings took of it) at synchronization; nan if never."""
+    """Time of synchronization [s], and the shares of E0 left then and taken by impacts, drag and strings; else nan."""
     k = synchronization_index(run)
     if k is None:
         return (np.nan,) * 5
@@ -109,7 +109,7 @@ def _draw(tables: Tables) -> matplotlib.figure.Figure:
 
 
 def _drag_share(tables: Tables, bobs: int) -> tuple[np.ndarray, np.ndarray]:
-    """(b [kg/s], drag's share of what is lost until synchronization)."""
+    """b [kg/s], and the share of drag in the energy lost until synchronization."""
     table = tables["budget"]
     rows = table["N"] == bobs
     return table["b [kg/s]"][rows], table["drag"][rows] / (1.0 - table["left"][rows])

@@ -32,7 +32,7 @@ def _data(study: Study) -> Tables:
 
 
 def fit_decay_rate(t: np.ndarray, sigma: np.ndarray) -> float:
-    """The rate [1/s] of the exponential nearest to σ in least squares: another reading of the mean in λ."""
+    """Fit an exponential to σ by least squares; its rate [1/s] is another reading of the mean in λ."""
     from scipy.optimize import curve_fit
 
     inside = (t > WINDOW[0]) & (t <= WINDOW[1])

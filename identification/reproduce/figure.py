@@ -27,19 +27,19 @@ HOLDS, HOLDS_IF, FAILS = "holds", "holds if", "does not hold"
 BEYOND = "beyond"
 #: The release of the standard set, γ = 0.00868 [rad].
 ANGLE = 0.228
-#: Numbers of bobs that every sweep is made for.
+#: Numbers of bobs of every sweep.
 BOBS = (2, 3, 5)
 STANDARD_RELEASE = Release(angle=ANGLE)
-#: Samples of θ per second from which σ and λ are taken in sweeps: λ changes by less than 2e-4 of itself against 240.
+#: Samples of θ per second in sweeps [1/s]. λ differs from that at 240/s by less than a relative 2e-4.
 SAMPLE_RATE = 120.0
 
 
 @dataclass(frozen=True)
 class Claim:
-    """A statement and what the run says of it.
+    """A statement and its verdict.
 
-    source: the paper's section that states it, or BEYOND; verdict: HOLDS, HOLDS_IF (then `condition` says if what) or
-    FAILS; evidence: the numbers, in words.
+    source: the section of the paper that states it, or BEYOND; verdict: HOLDS, HOLDS_IF (with a `condition`) or FAILS;
+    evidence: the numbers that decide, in words.
     """
 
     statement: str
@@ -52,18 +52,18 @@ class Claim:
     def judge(
         cls, statement: str, source: str, holds: bool, evidence: str, condition: str = "", otherwise: bool = False
     ) -> Claim:
-        """HOLDS where it does; else HOLDS_IF the condition where the weaker reading (`otherwise`) does; else FAILS."""
+        """Choose HOLDS if `holds`, else HOLDS_IF the condition if the weaker reading `otherwise` holds, else FAILS."""
         verdict = HOLDS if holds else HOLDS_IF if otherwise else FAILS
         return cls(statement, source, verdict, evidence, condition if verdict == HOLDS_IF else "")
 
 
 @dataclass(frozen=True)
 class Study:
-    """How finely all is computed, and what is known already.
+    """The settings that all figures share.
 
-    values: of each parameter in a sweep; workers: threads; scratch: folder for sweeps that are not finished; posterior:
-    whose uncertainty the bands show; tell(fraction, text): how far the figure in work is; tables: those of the figures
-    that this one needs.
+    values: number of values of each parameter in a sweep; workers: threads; scratch: folder for unfinished sweeps;
+    posterior: returns the posterior whose uncertainty the bands show; report(fraction, text): shows the progress of a
+    figure; tables: of the figures that this one needs.
     """
 
     values: int
@@ -82,7 +82,7 @@ class Study:
         quantities: Sequence[str | Quantity] = ("lambda",),
         times: np.ndarray | None = None,
     ) -> SweepResult:
-        """`sweep` over 60 s; a sweep of this name goes on where it was interrupted."""
+        """Run a sweep over 60 s; an interrupted sweep of this name is resumed."""
 
         def report(_: str, fraction: float | None, text: str = "") -> None:
             self.report(fraction, f"{name}: {text}")
@@ -95,8 +95,10 @@ class Study:
 
 @dataclass(frozen=True)
 class Figure:
-    """A figure by its name. `needs` names the figures whose tables `data` reads from the study; calibrated: whether it
-    reads the posterior, too."""
+    """A figure: functions that compute its tables, draw it and judge its claims.
+
+    needs: names of the figures whose tables `data` reads from the study; calibrated: whether it reads the posterior.
+    """
 
     name: str
     title: str

@@ -1,4 +1,4 @@
-"""Fig. 2: what an impact does, and what a ring-down says of the drag."""
+"""Fig. 2: restitution in impacts, and drag from a ring-down."""
 
 from __future__ import annotations
 

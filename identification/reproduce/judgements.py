@@ -1,4 +1,4 @@
-"""Figs. 7 and 8, and the claims about α, γ and δ that they bear on."""
+"""Figs. 7 and 8, and the claims about α, γ and δ that they support or refute."""
 
 from __future__ import annotations
 
@@ -35,12 +35,12 @@ _APART = 5e-4
 
 
 def moving_average(values: np.ndarray, width: int) -> np.ndarray:
-    """The mean over so many neighbouring values, where there are as many."""
+    """Moving average over a number of neighbouring values, without the ends."""
     return np.convolve(values, np.full(width, 1.0 / width), mode="valid")
 
 
 def largest_fall(rate: np.ndarray) -> float:
-    """By how much a curve falls below where it has been, over its range."""
+    """Largest fall of a curve below an earlier value, relative to its range."""
     return float(np.max(np.maximum.accumulate(rate) - rate) / np.ptp(rate))
 
 
@@ -66,7 +66,7 @@ def monotone(tables: Tables) -> Claim:
 
 
 def growth(gamma: np.ndarray, rate: np.ndarray) -> float:
-    """By what share λ grows over the upper half of γ: medians of the last and the middle tenth."""
+    """Relative growth of λ over the upper half of γ, from the medians of the middle and the last tenth."""
     tenth = len(gamma) // 10
     start = (len(gamma) - tenth) // 2
     return float(np.median(rate[-tenth:]) / np.median(rate[start : start + tenth]) - 1.0)
@@ -96,7 +96,7 @@ def saturation(tables: Tables) -> Claim:
 
 
 def find_minimum(delta: np.ndarray, rate: np.ndarray) -> tuple[float, float, float]:
-    """(δ of the least λ, that λ, by what share λ exceeds it at the paper's δ), averaged over a few values."""
+    """δ of the least λ, that λ, and its relative excess at the paper's δ, averaged over a few values."""
     width = max(1, round(_WIDTH_DELTA / (delta[1] - delta[0])))
     mean, at = moving_average(rate, width), moving_average(delta, width)
     low = float(mean.min())
@@ -162,7 +162,7 @@ def beating(tables: Tables) -> Claim:
 
 
 def largest_rise(sigma: np.ndarray) -> np.ndarray:
-    """By how much σ (T, ...) rises above where it has been, at most."""
+    """Largest rise of σ (T, ...) above an earlier value."""
     return (sigma - np.minimum.accumulate(sigma, axis=0)).max(axis=0)
 
 

@@ -75,7 +75,7 @@ def linear_ratio(beta: np.ndarray, hysteresis: bool = True) -> np.ndarray:
 
 
 def find_prominent_peaks(x: np.ndarray, y: np.ndarray, prominence: float = PROMINENCE) -> tuple[np.ndarray, np.ndarray]:
-    """(where, how far they stand out) of the peaks of y(x) that stand out by that share of the median of y.
+    """Positions and prominences of the peaks of y(x) whose prominence exceeds that share of the median of y.
 
     Where: the vertex of the parabola through the highest point and its neighbours.
     """

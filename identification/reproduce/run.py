@@ -1,4 +1,4 @@
-"""Makes the figures one by one, each with its tables, and the claims; goes on where it was interrupted."""
+"""Make the figures one by one, with their tables and claims; resume an interrupted run."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ from identification.storage.stamps import check_replaceable, read_stamp
 
 Progress = Callable[[str, float | None, str], None]
 FORMAT, CLAIMS_FORMAT = "cradle-figure/1", "cradle-claims/1"
-# In a figure's folder: lists the files that are ours and, written last, says that the figure is done.
+# In a figure's folder: lists its files. Written last, it marks the figure as finished.
 _STAMP = "figure.json"
 _CLAIMS = ("claims.json", "claims.md")
 
@@ -46,13 +46,38 @@ def reproduce(
     workers: int | None = None,
     progress: Progress = lambda *_: None,
 ) -> dict[str, Any]:
-    """Writes figures into folders of `out` by their names, and claims.md and claims.json of all that is there.
+    """Make figures in folders of `out`, and claims.md and claims.json of all figures there.
 
-    only: names of figures, all where omitted; those that others rest on are made too. values: of each parameter in a
-    sweep. calibration: posterior.nc of `cradle calibrate` whose uncertainty the bands show; an example, simulated and
-    calibrated here, where omitted. What is done already, with the same program and input, is not done again. Returns
-    the content of claims.json. Raises ValueError, before anything is made, for a name that no figure has, for what is
-    no calibration, and for files that would be replaced and are not ours.
+    A figure that exists already, from the same program and inputs, is not made again.
+
+    Parameters
+    ----------
+    out : Path
+        Folder for the results.
+    only : sequence of str
+        Names of figures. Figures that they need are made too. Default: all figures.
+    values : int
+        Number of values of each parameter in a sweep, at least 16.
+    calibration : Path, optional
+        posterior.nc of `cradle calibrate`, whose uncertainty the bands show. Default: an example is simulated and
+        calibrated.
+    seed : int
+        Seed of all random numbers.
+    workers : int, optional
+        Number of threads. Default: all cores.
+    progress : callable
+        Called as progress(stage, fraction, text).
+
+    Returns
+    -------
+    dict
+        The content of claims.json.
+
+    Raises
+    ------
+    ValueError
+        Before any work: if a figure has no such name, if the calibration is unusable, or if this command would replace
+        files that it has not written.
     """
     check_range("values", values, "", 16, remedy="fewer show no curve")
     named = {figure.name: figure for figure in FIGURES}
@@ -73,7 +98,7 @@ def reproduce(
     check_replaceable(out, _CLAIMS, _CLAIMS[0], CLAIMS_FORMAT)
     for name in todo:
         _check_folder(out / name)
-    # Named by program and inputs: what another program left unfinished is not gone on with; other inputs' is kept.
+    # Named by program and inputs: unfinished work of another program is deleted, that of other inputs is kept.
     own = program_hash(())[:12]
     scratch = {name: out / f".unfinished-{name}-{own}-{hashed[:12]}" for name, hashed in inputs.items()}
     for left in out.glob(".unfinished-*"):
@@ -96,7 +121,7 @@ def _hash(content: Any) -> str:
 
 
 def _with_needs(names: Iterable[str], figures: Mapping[str, Figure]) -> list[str]:
-    """The names and those of the figures they rest on, in the order of the list."""
+    """Add the figures that the named ones need, in the order of the list."""
     wanted = set(names)
     for figure in reversed(list(figures.values())):
         if figure.name in wanted:
@@ -105,19 +130,19 @@ def _with_needs(names: Iterable[str], figures: Mapping[str, Figure]) -> list[str
 
 
 def _read_stamp(folder: Path) -> dict[str, Any]:
-    """What the stamp of a figure's folder says: its files, and "inputs" where it is finished; empty where none is."""
+    """Read the stamp of a figure's folder: its files, and "inputs" if it is finished; empty if there is no stamp."""
     return read_stamp(folder / _STAMP, FORMAT, "figure") or {}
 
 
 def _check_folder(folder: Path, written: Iterable[str] = ()) -> None:
-    """ExperimentError where a figure's folder is not ours, or a file to be replaced there is not as we left it."""
+    """Raise ExperimentError if this command did not write the folder, or if a file in it has changed since."""
     if folder.exists() and not _read_stamp(folder) and any(folder.iterdir()):
         raise ExperimentError(f"{folder}: exists and holds no figure of this command; choose another --out")
     check_replaceable(folder, (*_read_stamp(folder).get("files", ()), *written), _STAMP, FORMAT)
 
 
 def _make_figure(figure: Figure, study: Study, folder: Path, inputs: str) -> None:
-    """Computes, draws and judges one figure. Picture and claims are of the tables as they are written."""
+    """Compute, draw and judge one figure. Picture and claims use the tables as written, with their rounding."""
     began, cpu = time.monotonic(), time.process_time()
     study.report(0.0, figure.title)
     files: dict[str, bytes] = {
@@ -127,7 +152,7 @@ def _make_figure(figure: Figure, study: Study, folder: Path, inputs: str) -> Non
     study.report(1.0, "draw")
     drawn = styled(figure.draw)(tables)
     files[f"{figure.name}.png"] = png(drawn)
-    drawn.set_layout_engine("none")  # the PDF is laid out as the PNG, in half the time
+    drawn.set_layout_engine("none")  # the PDF keeps the layout of the PNG, which saves half the time
     files[f"{figure.name}.pdf"] = pdf(drawn)
     content = {
         "format": FORMAT,
@@ -143,25 +168,25 @@ def _make_figure(figure: Figure, study: Study, folder: Path, inputs: str) -> Non
     _check_folder(folder, files)
     for name in _read_stamp(folder).get("files", ()):
         (folder / name).unlink(missing_ok=True)
-    # So that whatever a kill leaves is known to be ours.
+    # Written first, so that after a kill the next run recognises the files as its own.
     write_json(folder / _STAMP, {key: content[key] for key in ("format", "files")})
     write_together(folder, {**files, _STAMP: json_text(content)})
 
 
 def _pad_columns(table: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Columns of one length; what is short is filled up with empty fields."""
+    """Pad short columns with empty fields to the same length."""
     rows = max(map(len, table.values()))
     return {key: np.append(column, np.full(rows - len(column), np.nan)) for key, column in table.items()}
 
 
 def _read_tables(folder: Path) -> Tables:
-    """The tables that a figure wrote."""
+    """Read the tables that a figure wrote."""
     names = (name for name in _read_stamp(folder)["files"] if name.endswith(".csv"))
     return {name.removesuffix(".csv"): _parse_table(read_text(folder / name)[0]) for name in names}
 
 
 def _parse_table(text: str) -> Table:
-    """A table as it was written, without the empty fields at the ends of columns."""
+    """Parse a table and remove the empty fields at the ends of its columns."""
     header, *lines = text.splitlines()
     rows = np.array([[float(cell or "nan") for cell in line.split(",")] for line in lines])
     return {label: _trim_column(rows[:, k]) for k, label in enumerate(_labels(header))}
@@ -179,7 +204,7 @@ def _trim_column(column: np.ndarray) -> np.ndarray:
 
 
 def _write_claims(out: Path) -> dict[str, Any]:
-    """claims.json and claims.md, of the figures that are there, finished, and made by this program."""
+    """Write claims.json and claims.md of all finished figures that this program made; return the content."""
     stamps = {figure.name: _read_stamp(out / figure.name) for figure in FIGURES}
     done = {
         name: stamp for name, stamp in stamps.items() if "inputs" in stamp and stamp.get("program") == program_hash(())
@@ -197,7 +222,7 @@ def _write_claims(out: Path) -> dict[str, Any]:
 
 
 def claims_table(content: Mapping[str, Any]) -> str:
-    """The claims of claims.json as a table in Markdown."""
+    """Write the claims of claims.json as a table in Markdown."""
     lines = ["| claim | of | verdict | numbers | figure |", "|---|---|---|---|---|"]
     for entry in content["claims"]:
         claim = Claim(**{key: value for key, value in entry.items() if key != "figure"})

@@ -30,7 +30,7 @@ def path_through(turns: Sequence[float], points: int = _LEG) -> np.ndarray:
 
 
 def _repeated_path(cradle: Cradle) -> np.ndarray:
-    """The path of cycles between two tensions: each turns where the tension gets there."""
+    """The path of cycles between two tensions; each leg turns when the tension is reached."""
     low, high = _REPEATED
     turns = [high / cradle.kappa]
     tension, stretch = high, turns[0]
@@ -68,7 +68,7 @@ def _data(study: Study) -> Tables:
 
 
 def loop_loss(stretch: np.ndarray, tension: np.ndarray) -> float:
-    """Share of the work of loading that a closed loop from zero has taken."""
+    """Share of the work of loading that a closed loop from zero dissipates."""
     work = 0.5 * np.diff(stretch) * (tension[1:] + tension[:-1])
     return float(work.sum() / work[work > 0.0].sum())
 

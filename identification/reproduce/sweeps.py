@@ -17,7 +17,7 @@ from identification.reproduce.impacts import PUBLISHED_ALPHA, PUBLISHED_N
 
 @dataclass(frozen=True)
 class Parameter:
-    """A parameter of the sweeps: its range, its standard value, and how much denser than asked its values are."""
+    """A parameter of the sweeps: its range, its standard value, and a factor on the number of its values."""
 
     name: str
     symbol: str
@@ -27,7 +27,7 @@ class Parameter:
     denser: int = 1
 
     def grid(self, values: int) -> np.ndarray:
-        """`values` of them, or as many times that as its resonances need."""
+        """Evenly spaced values: `values` of them, times the factor that resonances need."""
         return np.linspace(self.low, self.high, self.denser * values)
 
 
@@ -61,7 +61,7 @@ PUBLISHED_LEAST = -1.2e-4
 
 
 def base(name: str, bobs: int, **fields) -> Cradle:
-    """The standard cradle; with the paper's n where α is swept."""
+    """The standard cradle; with the paper's n if α is swept."""
     law = (PUBLISHED_ALPHA, PUBLISHED_N) if name == "alpha" else None
     return Cradle.from_groups(bobs=bobs, power_law=law, **fields)
 
@@ -88,7 +88,7 @@ def maps(study: Study) -> Tables:
 
 
 def sigma_map(table: Table) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """(parameter (P,), time (T,) [s], σ (T, P)) of a table of σ; without the end, where envelopes are cut off."""
+    """Parameter (P,), time (T,) [s] and σ (T, P) of a table of σ, without the end, where envelopes are incomplete."""
     labels = list(table)
     t = np.array([float(label.split()[2]) for label in labels[2:]])
     whole = t <= t[-1] - 0.5 * ENVELOPE_PERIODS * Cradle().period
