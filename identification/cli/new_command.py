@@ -44,8 +44,9 @@ def new(
 ) -> None:  # fmt: skip
     """Write a first experiment.toml for a data file, with guesses from the data to check and correct.
 
-    The command prints how it understood the table. If the table is not in the strict form of an experiment, the
-    command writes a copy in that form beside experiment.toml. It never changes the data file.
+    The command prints how it understood the table. It never changes the data file.
+
+    If the table is not in the strict form of an experiment, it writes a copy in that form beside experiment.toml.
     """
     from identification.experiment.scaffold import scaffold
     from identification.experiment.table_columns import Columns
