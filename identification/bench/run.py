@@ -1,8 +1,9 @@
-"""Speed and accuracy compared with SciPy, measured in one run on one core: `cradle bench`.
+"""Speed and accuracy beside other engines, measured in one run on one core: `cradle bench`.
 
-Both integrators simulate NSP with hysteretic strings: ours, and SciPy's DOP853 with events (`scipy_peer`) at rtol
-1e-8. The reference for both errors is the SciPy integrator at rtol 1e-13. For N >= 3 the comparison covers the first
-seconds only, because rounding errors grow.
+General engines run on a cradle that all of them can simulate (`engines`). On the paper's own cradle, NSP with
+hysteretic strings, ours runs beside SciPy's DOP853 with events (`scipy_peer`) at rtol 1e-8. The reference for both
+errors is the SciPy integrator at rtol 1e-13. For N >= 3 the comparison covers the first seconds only, because rounding
+errors grow.
 """
 
 from __future__ import annotations
@@ -26,14 +27,15 @@ from cradle_env import __version__
 from cradle_env.cradle import Cradle
 from cradle_env.errors import check_range
 from cradle_env.kernel_records import TOLERANCE
+from cradle_env.plot_style import png
 from cradle_env.release import Release
 from cradle_env.simulation import simulate
-from identification.bench import environment, scipy_peer
+from identification.bench import engines, environment, scipy_peer
 from identification.reporting.terminal import TerminalProgress, print_table
-from identification.storage.files import write_json
+from identification.storage.files import json_text, write_together
 from identification.storage.stamps import check_replaceable
 
-_FILE, _FORMAT = "bench.json", "cradle-bench/1"
+_FILE, _PICTURE, _FORMAT = "bench.json", "bench.png", "cradle-bench/1"
 _ANGLE, _RATE = 0.228, 60.0
 #: Number of bobs, and the time over which accuracy is compared [s]: the whole run, or until rounding errors grow.
 _RACES = {2: np.inf, 5: 3.0}
@@ -113,15 +115,19 @@ def _environment(folder: str | None) -> dict[str, str]:
 
 
 def main(duration: float, out: Path | None) -> None:
-    """Run all benchmarks, print tables, and write bench.json if a folder is given."""
+    """Run all benchmarks, print tables, and write bench.json and bench.png if a folder is given."""
     check_range("duration", duration, "s", 1.0)
     if out is not None:
-        check_replaceable(out, (_FILE,), _FILE, _FORMAT)
+        check_replaceable(out, (_FILE, _PICTURE), _FILE, _FORMAT)
     with TerminalProgress() as progress:
         races = []
         for i, (bobs, compared) in enumerate(_RACES.items()):
             progress("race", i / len(_RACES), f"{bobs} bobs over {duration:g} s")
             races += race(bobs, duration, min(compared, duration))
+        raced = []
+        for bobs in engines.BOBS:
+            told = lambda share, bobs=bobs: progress("engines", share, f"{bobs} bobs")  # noqa: E731
+            raced += engines.race(bobs, duration, told)
         progress("environments", None, "steps per second beside Gymnasium's own")
         rates = environment.single_environments() | environment.vector_environments()
         progress("start", None, "fresh processes, without and with compiled kernels")
@@ -129,6 +135,27 @@ def main(duration: float, out: Path | None) -> None:
     columns = ("bobs", "integrator", "time [s]", "SciPy's time over it", "largest error of θ [rad]")
     numbers = [(f"{row['seconds']:.3g}", f"{row['ratio']:.0f}", f"{row['error']:.1e}") for row in races]
     print_table(columns, [(str(row["bobs"]), row["integrator"], *n) for row, n in zip(races, numbers, strict=True)])
+    print_table(
+        (
+            "bobs",
+            "engine",
+            "setting",
+            "simulated time per processor time",
+            f"sampled {engines.RATE:g}/s",
+            "largest error of θ [rad]",
+        ),
+        [
+            (
+                *(str(row[name]) for name in ("bobs", "engine", "setting")),
+                f"{row['speed']:,.0f}",
+                f"{row['speed_sampled']:,.0f}",
+                f"{row['error']:.1e}",
+            )
+            for row in raced
+        ],
+    )
+    if absent := engines.missing():
+        print(f"not installed, hence left out: {', '.join(absent)} (pip install 'newtons-cradle[bench]')")
     print_table(("in a fresh process", "time [s]"), [(name, f"{seconds:.2f}") for name, seconds in starts.items()])
     others = ("Pendulum-v1", "Acrobot-v1")
     rows = [(name, f"{rate:,.0f}", *(f"{rate / rates[other]:.2f}" for other in others)) for name, rate in rates.items()]
@@ -137,6 +164,7 @@ def main(duration: float, out: Path | None) -> None:
     print(f"import cradle_env takes {relative:.2f} times as long as import gymnasium")
     if out is not None:
         versions = {name: metadata.version(name) for name in ("numpy", "scipy", "numba", "gymnasium")}
+        versions |= engines.versions()
         content = {
             "format": _FORMAT,
             "version": __version__,
@@ -144,8 +172,10 @@ def main(duration: float, out: Path | None) -> None:
             "machine": platform.machine(),
             "versions": versions,
             "races": races,
+            "engines": raced,
             "seconds": starts,
             "steps_per_second": rates,
             "import_ratio": relative,
         }
-        print(f"figures: {write_json(out / _FILE, content)}")
+        write_together(out, {_FILE: json_text(content), _PICTURE: png(engines.figure(raced))})
+        print(f"figures: {out / _FILE} and {out / _PICTURE}")

@@ -291,12 +291,12 @@ def design(
 
 @app.command()
 def bench(
-    out: Annotated[Path | None, typer.Option("--out", metavar="DIR", help="Folder for bench.json.")] = None,
+    out: Annotated[Path | None, typer.Option("--out", metavar="DIR", help="Folder for bench.json, bench.png.")] = None,
     duration: Annotated[float, typer.Option(min=1.0, help="Simulated time of each comparison, s.")] = 20.0,
     seed: Annotated[int, typer.Option("--seed", hidden=True)] = 0,
     workers: NoWorkers = None,
 ) -> None:
-    """Compare speed and accuracy with SciPy on one core of this machine."""
+    """Compare speed and accuracy with other engines on one core of this machine."""
     from identification.bench import run
 
     with report_what_is_kept(out, lambda: "nothing was written"):
