@@ -67,8 +67,7 @@ class Trajectory:
         Energies [J] that `energy` sums up; None if the run kept none.
     d_theta, d_r : mapping of str to ndarray, shape (T, N)
         Derivatives of θ and r by each of the run's `sensitivities`, per its unit; nan from where on they do not exist,
-        or are not known: after a graze, after impacts whose order the parameter would decide, after an impact of three
-        bobs or more, where bobs stay in touch.
+        or are not known: after a graze, after impacts whose order the parameter would decide, where bobs stay in touch.
     d_impact_times : mapping of str to ndarray, shape (M,)
         Those of the instants of the impacts [s per unit].
 

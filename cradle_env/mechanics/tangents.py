@@ -20,10 +20,13 @@ import math
 
 import numpy as np
 
+from cradle_env.mechanics.impact import _A, _CHAIN_ERROR, _CHAIN_LIMIT, _COARSEST, _E, _FINEST
 from cradle_env.mechanics.jit import entry, jit, part
 from cradle_env.mechanics.lanes import BEND, SLOPE, SQUARE, SQUARES, STEP, WIDTH
 from cradle_env.mechanics.layout import (
     BRANCH,
+    CHAIN_D,
+    CHAIN_U,
     GRID,
     KUWABARA_KONO,
     LANES,
@@ -31,10 +34,13 @@ from cradle_env.mechanics.layout import (
     LEFT_LINK,
     LEFT_WIDTH,
     LOADING,
+    N_X,
+    N_Z,
     OPEN,
     POWER_LAW,
     SAMPLED,
     SLACK,
+    STAGES,
     START,
     STRUCK_FIRST,
     STRUCK_LAST,
@@ -42,7 +48,7 @@ from cradle_env.mechanics.layout import (
     TENSION,
     TURN,
 )
-from cradle_env.mechanics.restitution import dissipation, restitution, restitution_slope
+from cradle_env.mechanics.restitution import dissipation, equivalent_dissipation, restitution, restitution_slope
 from cradle_env.mechanics.series_flight import PRESENT, crossing, load
 from cradle_env.mechanics.string_events import direction_after, loading, stretching, string_event, turned
 from cradle_env.mechanics.strings import tension
@@ -68,6 +74,14 @@ BOB_FIELDS = 8
 # Those of what decides an impact: k_f k_el^-0.6, alpha and n of e = 1 - alpha v^n, a constant e, a bob's radius.
 STIFFNESS, ALPHA, EXPONENT, RESTITUTION, RADIUS = range(5)
 LAW_FIELDS = 5
+# What an error of a chain's derivatives counts for against one of the chain itself.
+_VARIED_WEIGHT = 1e-2
+# Columns of scratch for a chain: overlap, its rate, impulse and their derivatives, now, at a stage, and d/dtau of 7
+# stages; derivatives of the normals and of the chain's equations.
+LINK_STATES = 6
+LINK_NOW = STAGES
+LINK_TRIAL, LINK_STAGES = LINK_NOW + LINK_STATES, LINK_NOW + 2 * LINK_STATES
+VARIED_N_X, VARIED_N_Z, VARIED_D, VARIED_U = LINK_STAGES + 7 * LINK_STATES + np.int64([0, 1, 2, 3])
 # An impact gentler than this [m/s] is a graze: its instant has no derivative.
 _GRAZE = 1e-6
 # Bobs struck as one are struck at one instant for other values of a parameter too if their gaps change by less than
@@ -89,7 +103,7 @@ def differentiate(cradle, bobs, table, S, W, sheet, inputs, impacts, times, unti
         lo, hi, t = int(impacts[row, STRUCK_FIRST]), int(impacts[row, STRUCK_LAST]), impacts[row, 0]
         for i in range(lo, hi):
             fly(cradle, bobs[i], S, W, sheet, inputs, i, t, np.False_, times, fields[i], D[i], theta, r)
-        strike(cradle, bobs, table, S, impacts, row, lo, hi, law, fields, D, instants)
+        strike(cradle, bobs, table, S, W, impacts, row, lo, hi, law, fields, D, instants)
         row += hi - lo - 1
     for i in range(len(bobs)):
         fly(cradle, bobs[i], S, W, sheet, inputs, i, until, np.True_, times, fields[i], D[i], theta, r)
@@ -210,7 +224,7 @@ def vary_memory(bob, S, i, branch, fields, D):
 
 
 @jit
-def strike(cradle, bobs, table, S, impacts, row, lo, hi, law, fields, D, instants):
+def strike(cradle, bobs, table, S, W, impacts, row, lo, hi, law, fields, D, instants):
     """The impact of the bobs lo..hi-1 in the rows of impacts from `row` on: derivatives of its instant and of what
     follows. S goes on as the run did."""
     lead, closing = lo, 0.0  # the pair that meets fastest sets the instant
@@ -224,11 +238,14 @@ def strike(cradle, bobs, table, S, impacts, row, lo, hi, law, fields, D, instant
             dt = math.nan
         for p in range(lo, hi - 1):
             instants[q, row + p - lo] = dt
-            if impacts[row + p - lo, LEFT_LINK] != OPEN or hi - lo > 2:
+            if impacts[row + p - lo, LEFT_LINK] != OPEN:
                 dt = math.nan
         for i in range(lo, hi):
             shift(bobs[i], S, i, dt, D[i, q])
-        collide(cradle, bobs, table, S, lo, q, law[q], fields, D)
+        if hi - lo == 2:
+            collide(cradle, bobs, table, S, lo, q, law[q], fields, D)
+        elif not math.isnan(dt):
+            collide_chain(cradle, bobs, table, S, W, lo, hi, lead, q, law[q], fields, D)
     for i in range(lo, hi):
         c = LEFT if i < hi - 1 else LEFT + LEFT_WIDTH
         here = row + min(i, hi - 2) - lo
@@ -292,13 +309,9 @@ def shift(bob, S, i, dt, D):
 def collide(cradle, bobs, table, S, p, q, law, fields, D):
     """Derivatives by parameter q of the velocities after an impact of bobs p and p + 1 at their meeting, from those
     before."""
-    distance, nx, nz, v_n, vx, vz = line_of_centres(S, p)
+    _, nx, nz, v_n, _, _ = line_of_centres(S, p)
     D0, D1 = D[p, q], D[p + 1, q]
-    dx, dz = D1[0] - D0[0], D1[1] - D0[1]
-    along = nx * dx + nz * dz
-    d_nx, d_nz = (dx - along * nx) / distance, (dz - along * nz) / distance
-    d_v = d_nx * vx + d_nz * vz + nx * (D1[2] - D0[2]) + nz * (D1[3] - D0[3])
-
+    d_nx, d_nz, d_v = vary_line_of_centres(S, p, D0, D1)
     mobility = bobs[p].mobility + bobs[p + 1].mobility
     d_mobility = (fields[p, q, MOBILITY] + fields[p + 1, q, MOBILITY]) / mobility
     e = restitution(cradle, table, 1.0 / mobility, -v_n)
@@ -306,10 +319,115 @@ def collide(cradle, bobs, table, S, p, q, law, fields, D):
     d_e = restitution_by_parameter(cradle, table, 1.0 / mobility, -v_n, d_v / v_n, -d_mobility, law)
     d_impulse = -(d_e * v_n + (1.0 + e) * d_v) / mobility - impulse * d_mobility
     jx, jz = d_impulse * nx + impulse * d_nx, d_impulse * nz + impulse * d_nz
-    D0[2] -= jx * bobs[p].mobility + impulse * nx * fields[p, q, MOBILITY]
-    D0[3] -= jz * bobs[p].mobility + impulse * nz * fields[p, q, MOBILITY]
-    D1[2] += jx * bobs[p + 1].mobility + impulse * nx * fields[p + 1, q, MOBILITY]
-    D1[3] += jz * bobs[p + 1].mobility + impulse * nz * fields[p + 1, q, MOBILITY]
+    push(bobs[p], -impulse * nx, -impulse * nz, -jx, -jz, fields[p, q], D0)
+    push(bobs[p + 1], impulse * nx, impulse * nz, jx, jz, fields[p + 1, q], D1)
+
+
+@jit
+def vary_line_of_centres(S, p, D0, D1):
+    """Derivatives of n_x, n_z and the opening speed of `line_of_centres`."""
+    distance, nx, nz, _, vx, vz = line_of_centres(S, p)
+    dx, dz = D1[0] - D0[0], D1[1] - D0[1]
+    along = nx * dx + nz * dz
+    d_nx, d_nz = (dx - along * nx) / distance, (dz - along * nz) / distance
+    return d_nx, d_nz, d_nx * vx + d_nz * vz + nx * (D1[2] - D0[2]) + nz * (D1[3] - D0[3])
+
+
+@jit
+def push(bob, jx, jz, d_jx, d_jz, fields, D):
+    """Derivatives of a bob's velocities after an impulse (jx, jz) [N s]."""
+    D[2] += d_jx * bob.mobility + jx * fields[MOBILITY]
+    D[3] += d_jz * bob.mobility + jz * fields[MOBILITY]
+
+
+@jit
+def collide_chain(cradle, bobs, table, S, W, lo, hi, lead, q, law, fields, D):
+    """`collide` for the touching bobs lo..hi-1: the variational equations of `impact.chain`, in its units, which are
+    those of the pair `lead` and stay what they are."""
+    m, scale = 1.0 / (bobs[lead].mobility + bobs[lead + 1].mobility), -line_of_centres(S, lead)[3]
+    for p in range(lo, hi - 1):
+        _, W[p, N_X], W[p, N_Z], v_n, _, _ = line_of_centres(S, p)
+        W[p, VARIED_N_X], W[p, VARIED_N_Z], d_v = vary_line_of_centres(S, p, D[p, q], D[p + 1, q])
+        W[p, CHAIN_D] = (bobs[p].mobility + bobs[p + 1].mobility) * m
+        W[p, VARIED_D] = (fields[p, q, MOBILITY] + fields[p + 1, q, MOBILITY]) * m
+        for c in range(LINK_STATES):
+            W[p, LINK_NOW + c] = 0.0
+        W[p, LINK_NOW + 1], W[p, LINK_NOW + 4] = -v_n / scale, -d_v / scale
+    for p in range(lo, hi - 2):
+        across = W[p, N_X] * W[p + 1, N_X] + W[p, N_Z] * W[p + 1, N_Z]
+        d_across = W[p, VARIED_N_X] * W[p + 1, N_X] + W[p, VARIED_N_Z] * W[p + 1, N_Z]
+        d_across += W[p, N_X] * W[p + 1, VARIED_N_X] + W[p, N_Z] * W[p + 1, VARIED_N_Z]
+        W[p, CHAIN_U] = -across * bobs[p + 1].mobility * m
+        W[p, VARIED_U] = -(d_across * bobs[p + 1].mobility + across * fields[p + 1, q, MOBILITY]) * m
+
+    A = equivalent_dissipation(cradle, table, m, scale)
+    d_m, d_scale = -W[lead, VARIED_D], W[lead, LINK_NOW + 4]
+    d_e = restitution_by_parameter(cradle, table, m, scale, d_scale, d_m, law)
+    d_A = d_e / restitution_slope(table, A) + A * (0.4 * d_m - 0.2 * d_scale)
+    resolve_varied(A, d_A, min(max(_CHAIN_ERROR / scale, _FINEST), _COARSEST), lo, hi, W)
+    for p in range(lo, hi - 1):
+        nx, nz, impulse, d_impulse = (
+            W[p, N_X],
+            W[p, N_Z],
+            W[p, LINK_NOW + 2] * m * scale,
+            W[p, LINK_NOW + 5] * m * scale,
+        )
+        jx, jz = d_impulse * nx + impulse * W[p, VARIED_N_X], d_impulse * nz + impulse * W[p, VARIED_N_Z]
+        push(bobs[p], -impulse * nx, -impulse * nz, -jx, -jz, fields[p, q], D[p, q])
+        push(bobs[p + 1], impulse * nx, impulse * nz, jx, jz, fields[p + 1, q], D[p + 1, q])
+
+
+@jit
+def varied_rates(A, d_A, lo, hi, W, x, out):
+    """d/dtau of a chain's overlaps, their rates and impulses, and of their derivatives, from columns x to `out`."""
+    for p in range(lo, hi - 1):
+        overlap, rate, force, d_force = W[p, x], W[p, x + 1], 0.0, 0.0
+        if overlap > 0.0 and overlap + A * rate > 0.0:
+            root = math.sqrt(overlap)
+            force = root * (overlap + A * rate)
+            d_force = (1.5 * root + 0.5 * A * rate / root) * W[p, x + 3] + root * (A * W[p, x + 4] + d_A * rate)
+        W[p, out], W[p, out + 2], W[p, out + 3], W[p, out + 5] = rate, force, W[p, x + 4], d_force
+    for p in range(lo, hi - 1):
+        total = -W[p, CHAIN_D] * W[p, out + 2]
+        d_total = -W[p, CHAIN_D] * W[p, out + 5] - W[p, VARIED_D] * W[p, out + 2]
+        if p > lo:
+            total -= W[p - 1, CHAIN_U] * W[p - 1, out + 2]
+            d_total -= W[p - 1, CHAIN_U] * W[p - 1, out + 5] + W[p - 1, VARIED_U] * W[p - 1, out + 2]
+        if p < hi - 2:
+            total -= W[p, CHAIN_U] * W[p + 1, out + 2]
+            d_total -= W[p, CHAIN_U] * W[p + 1, out + 5] + W[p, VARIED_U] * W[p + 1, out + 2]
+        W[p, out + 1], W[p, out + 4] = total, d_total
+
+
+@jit
+def resolve_varied(A, d_A, tolerance, lo, hi, W):
+    """Integrates a chain and its derivatives until no pair presses or approaches; control of the chain's error."""
+    t, h, pressing = 0.0, 0.01, True
+    while t < _CHAIN_LIMIT and pressing:
+        for s in range(7):
+            for p in range(lo, hi - 1):
+                for c in range(LINK_STATES):
+                    total = 0.0
+                    for j in range(s):
+                        total += _A[s, j] * W[p, LINK_STAGES + LINK_STATES * j + c]
+                    W[p, LINK_TRIAL + c] = W[p, LINK_NOW + c] + h * total
+            varied_rates(A, d_A, lo, hi, W, LINK_TRIAL, LINK_STAGES + LINK_STATES * s)
+        error = 0.0
+        for p in range(lo, hi - 1):
+            for c in range(LINK_STATES):
+                e = 0.0
+                for s in range(7):
+                    e += _E[s] * W[p, LINK_STAGES + LINK_STATES * s + c]
+                error = max(error, abs(h * e) * (1.0 if c < 3 else _VARIED_WEIGHT))
+        if error <= tolerance:
+            t += h
+            pressing = False
+            for p in range(lo, hi - 1):
+                for c in range(LINK_STATES):
+                    W[p, LINK_NOW + c] = W[p, LINK_TRIAL + c]
+                overlap, rate = W[p, LINK_NOW], W[p, LINK_NOW + 1]
+                pressing = pressing or rate > 1e-9 or (overlap > 0.0 and overlap + A * rate > 0.0)
+        h *= min(4.0, max(0.2, 0.9 * (tolerance / max(error, 1e-30)) ** 0.2))
 
 
 @jit
