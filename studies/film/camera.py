@@ -175,7 +175,10 @@ def write_film(
 
     frames = iter(frames)
     first = next(frames)
-    options = {"libx264": {"crf": str(crf), "preset": "veryfast"}, "libvpx-vp9": {"crf": str(crf), "b": "0"}}
+    options = {
+        "libx264": {"crf": str(crf), "preset": "veryfast"},
+        "libvpx-vp9": {"crf": str(crf), "b": "0", "deadline": "realtime", "cpu-used": "8"},
+    }
     tick = Fraction(1, 60000)  # MPEG-4 knows no finer ones
     with av.open(str(path), "w") as container:
         stream = container.add_stream(codec, rate=round(1.0 / np.median(np.diff(times))))

@@ -1,0 +1,76 @@
+"""Render films of simulated cradles, measure them, and count what is wrong.
+
+    python -m studies.film [--films 200] [--first 100] [--frames 600]
+
+Each film is drawn by its number. What is found is kept in studies/film/results.jsonl, a line for each film; the same
+command goes on from there. results.md is made of all that is kept.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+import tempfile
+from pathlib import Path
+from typing import Any
+
+from cradle_env import __version__
+from studies.film.draw import draw
+from studies.film.judge import judge
+from studies.film.made import make
+from studies.film.page import page
+
+HERE = Path(__file__).parent
+
+
+def measure(number: int, frames: int, folder: Path) -> dict[str, Any]:
+    """The row of one film."""
+    case, ending = draw(number, frames)
+    path = folder / f"film{ending}"
+    truth = make(path, case)
+    try:
+        found = judge(path, case, truth)
+    except ValueError as problem:
+        found = {"refused": str(problem).replace(str(path), path.name)}
+    return {
+        "film": number,
+        "version": __version__,
+        "codec": case.codec,
+        "bobs": case.bobs,
+        "rate": case.camera.rate,
+        "duration": case.duration,
+        **found,
+    }
+
+
+def kept() -> list[dict[str, Any]]:
+    """The rows so far."""
+    path = HERE / "results.jsonl"
+    return [json.loads(line) for line in path.read_text(encoding="utf-8").splitlines()] if path.exists() else []
+
+
+def main() -> int:
+    """Measures the films that are not kept yet, and writes the page."""
+    parser = argparse.ArgumentParser(
+        prog="python -m studies.film", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--films", type=int, default=200, help="how many; 0: results.md alone")
+    parser.add_argument("--first", type=int, default=100, help="number of the first; earlier ones served development")
+    parser.add_argument("--frames", type=int, default=600, help="of a film, at most; 20 s at 60 frames/s take 1200")
+    asked = parser.parse_args()
+    done = {row["film"] for row in kept()}
+    for number in range(asked.first, asked.first + asked.films):
+        if number in done:
+            continue
+        with tempfile.TemporaryDirectory() as folder:
+            row = measure(number, asked.frames, Path(folder))
+        with (HERE / "results.jsonl").open("a", encoding="utf-8") as file:
+            file.write(json.dumps(row) + "\n")
+        print(f"film {number}: {len(kept())} kept", file=sys.stderr, flush=True)
+    (HERE / "results.md").write_text(page(kept()), encoding="utf-8")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,41 @@
+"""The study of films: its page is of what is kept, and its judge tells a wrong track from a right one."""
+
+import numpy as np
+import pytest
+
+from cradle_env import Cradle
+from identification.apparatus.video.tracking import Tracks
+from studies.film.__main__ import HERE, kept
+from studies.film.draw import LONGEST, draw
+from studies.film.judge import impact_errors
+from studies.film.made import Case, Truth
+from studies.film.page import page, share
+
+
+def test_the_page_is_of_what_is_kept() -> None:
+    rows = kept()
+    assert (HERE / "results.md").read_text(encoding="utf-8") == page(rows)
+    assert len({row["film"] for row in rows}) == len(rows)
+
+
+def test_a_film_is_drawn_by_its_number() -> None:
+    case, name = draw(7, 600)
+    assert draw(7, 600) == (case, name) and draw(8, 600) != (case, name)
+    assert case.duration <= LONGEST and case.duration * case.camera.rate <= 600.0 + 1e-9
+
+
+def test_shares_have_the_interval_of_clopper_and_pearson() -> None:
+    # Rule of three: none of 100 allows up to 1 - 0.025^(1/100) = 3.6 %.
+    assert share(0, 100) == "0 of 100, 0 % (0 to 3.62 %)"
+
+
+@pytest.mark.parametrize("late", [0.0, 0.3])
+def test_a_track_that_is_late_has_late_impacts(late: float) -> None:
+    """A bob that swings into its neighbour at 0.5025 s and back; the track is late by some frames."""
+    case = Case(2, {2: 0.2}, 1.0)
+    times, instant, omega = np.arange(60) / 60.0, 0.5025, np.sqrt(9.81 / 0.306)
+    x = 100.0 + 60.0 * np.abs(np.sin(omega * (times - instant - late / 60.0)))
+    places = np.stack([np.column_stack([np.full(60, 60.0), np.zeros(60)]), np.column_stack([x, np.zeros(60)])], axis=1)
+    truth = Truth(times, places, np.zeros((60, 2)), np.array([[instant, 1.0]]), Cradle(bobs=2))
+    errors = impact_errors(case, truth, Tracks(times, places, np.zeros((60, 2)), np.full((60, 2), 16.0)))
+    assert errors == [pytest.approx(late, abs=1e-3)]
