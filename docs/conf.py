@@ -38,7 +38,7 @@ extensions = [
 exclude_patterns = ["_build", "_ext"]
 nitpicky = True
 nitpick_ignore_regex = [
-    ("py:class", r"(structured )?ndarray|optional|[A-Z]|\d+")
+    ("py:class", r"(structured |str to )?ndarray|mapping|optional|[A-Z]|\d+")
 ]  # words of "ndarray of shape (T, N), optional"
 
 myst_enable_extensions = ["amsmath", "colon_fence", "dollarmath"]
