@@ -18,6 +18,7 @@ from cradle_env.effects.elements import with_value
 from cradle_env.errors import check_range, one_line
 from cradle_env.impact_law import fit_power_law
 from cradle_env.mechanics import layout
+from cradle_env.parameter_name import ParameterName
 from cradle_env.pickling import reduce_to_fields
 
 #: β of the standard set: what κ is taken from where it is not given.
@@ -211,12 +212,12 @@ class Cradle:
         """
         fields: dict[str, Any] = {}
         effects: dict[str, dict[str, Any]] = {name: dict(known) for name, known in self.effects.items()}
-        for name, value in values.items():
-            of, dot, key = name.partition(".")
-            if dot:
-                effects[of] = with_value(effects.get(of, {}), key, value)
+        for text, value in values.items():
+            name = ParameterName.parse(text)
+            if name.effect:
+                effects[name.effect] = with_value(effects.get(name.effect, {}), name, value)
             else:
-                fields[name] = value
+                fields[text] = value
         closed = {name: effect(name.removeprefix("-")).balance(known) for name, known in effects.items()}
         return self.replace(**fields, effects=closed)
 

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 from cradle_env import __version__
-from cradle_env.effects.elements import element_of
+from cradle_env.parameter_name import ParameterName
 from identification.diagnosis.learned_law.law_words import describe_law, describe_terms
 from identification.diagnosis.residuals.residual_tests import describe_phase
 from identification.diagnosis.selection.rigid_strings import removed_effects
@@ -119,12 +119,12 @@ def _candidates_content(diagnosis: Diagnosis) -> list[dict[str, Any]]:
 def effect_parameters(intervals: Mapping[str, Interval], name: str) -> dict[str, Any]:
     """Median and ci95 of each parameter of an effect, by key; lists of them if each bob or gap has its own value."""
     parameters: dict[str, Any] = {}
-    for address, interval in intervals.items():
-        owner, _, key = address.partition(".")
-        if owner != name:
+    for text, interval in intervals.items():
+        address = ParameterName.parse(text)
+        if address.effect != name:
             continue
-        key, element = element_of(key)
-        if element is None:
+        key = address.key
+        if address.element is None:
             parameters[key] = {"median": interval.median, "ci95": list(interval.ci95)}
         else:
             entry = parameters.setdefault(key, {"median": [], "ci95": []})

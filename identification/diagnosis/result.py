@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from cradle_env.cradle import Cradle
 from cradle_env.effects import LEARNED
+from cradle_env.parameter_name import ParameterName
 from identification.diagnosis import diagnosis_display
 from identification.diagnosis.diagnosis_content import diagnosis_content, step_content
 from identification.diagnosis.learned_law.law import LearnedLaw
@@ -152,7 +153,7 @@ class Diagnosis:
         """
         result = compute_intervals(self.final, self.cache)
         for other in (compute_intervals(other, self.cache) for other in self.others):
-            for name in (name for name in result if name in other and "." not in name and "@" not in name):
+            for name in (name for name in result if name in other and ParameterName.parse(name).is_of_cradle):
                 low, high = zip(result[name].ci95, other[name].ci95, strict=True)
                 result[name] = dataclasses.replace(result[name], ci95=(min(low), max(high)))
         return result
@@ -174,7 +175,7 @@ class Diagnosis:
         lines = ["# The repaired model of a diagnosis. Fitted along with it:"]
         lines += [
             f"#   {name} = {interval.median:.6g} {interval.unit}"
-            for name, interval in self.parameters.items() if "." not in name and "@" not in name
+            for name, interval in self.parameters.items() if ParameterName.parse(name).is_of_cradle
         ]  # fmt: skip
         lines += ["[model]", f"base = {toml_text(cradle.model)}", f"effects = {toml_text([*cradle.effects])}"]
         known = {name: _shortest_values(name, values) for name, values in cradle.effects.items() if values}

@@ -12,6 +12,7 @@ from cradle_env.cost import check_cost, steps_needed
 from cradle_env.cradle import Cradle
 from cradle_env.effects import CATALOGUE
 from cradle_env.errors import check_range, one_line, unknown_key
+from cradle_env.parameter_name import ParameterName
 from cradle_env.release import Release
 from cradle_env.simulation import prepare
 from identification.experiment.recording import UNITS
@@ -211,7 +212,8 @@ def check_prior(cradle: Cradle, name: str, prior: Prior) -> None:
     """Refuses the prior of something that cannot be inferred, or one that reaches impossible values."""
     parameters = {f"{e.name}.{p.key}": p for e in cradle.composition for p in e.parameters}
     if name not in INFERABLE and name not in parameters:
-        absent = name.partition(".")[0]
+        stated = ParameterName.parse(name)
+        absent = stated.effect or stated.key
         if absent in (e.name for e in CATALOGUE) and not cradle.has(absent):
             raise ValueError(
                 f"{name} is of an effect that is not in the model; add {absent!r} to effects under [model]"

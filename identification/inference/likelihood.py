@@ -21,7 +21,7 @@ from identification.experiment.run import Run
 from identification.inference.impossible_model import ImpossibleModelError, raises_impossible
 from identification.inference.instrument import Instrument
 from identification.inference.noise_model import NoiseModel
-from identification.inference.unknowns import Unknown, model_unknowns, run_unknowns, sag
+from identification.inference.unknowns import Unknown, model_unknowns, name_in_run, noise_name, run_unknowns, sag
 
 #: Sampling of θ_n for σ and λ [1/s].
 LAMBDA_RATE = 240.0
@@ -104,24 +104,25 @@ class Likelihood:
     @raises_impossible
     def initial_condition(self, values: Mapping[str, float], index: int) -> tuple[Release | InitialState, float]:
         """(how run `index` begins, the time in its file at which the simulation starts [s])."""
-        run, at = self.experiment.runs[index], f"@{index + 1}"
+        run = self.experiment.runs[index]
         if run.state == "release":
             assert run.release is not None
-            error = values.get("release_angle_error" + at, 0.0)
-            return shift_release_angle(run.release.release, error), values.get("release_time_error" + at, 0.0)
+            error = values.get(name_in_run("release_angle_error", index), 0.0)
+            late = values.get(name_in_run("release_time_error", index), 0.0)
+            return shift_release_angle(run.release.release, error), late
         bobs = range(1, self.experiment.cradle.bobs + 1)
 
-        def each(name: str) -> np.ndarray | None:
-            first = f"{name}[1]{at}"
-            return np.array([values[f"{name}[{i}]{at}"] for i in bobs]) if first in values else None
+        def of_bobs(quantity: str) -> np.ndarray | None:
+            names = [name_in_run(quantity, index, bob) for bob in bobs]
+            return np.array([values[name] for name in names]) if names[0] in values else None
 
-        stretch = each("stretch")
+        stretch = of_bobs("stretch")
         cradle = self.cradle(values, run)
-        tension_ratio = each("tension_ratio")
+        tension_ratio = of_bobs("tension_ratio")
         r = None if stretch is None else hanging_radius(cradle, tension_ratio) + stretch
-        theta, theta_dot = each("theta"), each("theta_dot")
+        theta, theta_dot = of_bobs("theta"), of_bobs("theta_dot")
         assert theta is not None and theta_dot is not None
-        return InitialState(theta, theta_dot, r, each("r_dot"), tension_ratio), run.fit_from
+        return InitialState(theta, theta_dot, r, of_bobs("r_dot"), tension_ratio), run.fit_from
 
     @raises_impossible
     def predict(self, point: np.ndarray, index: int, rows: np.ndarray, with_lambda: bool = False):
@@ -169,14 +170,14 @@ class Likelihood:
         back[order] = np.arange(len(order))
         motion = simulate(cradle, beginning, times=together[order], ledger=False, tolerance=TOLERANCE)
         theta, r = motion.theta[back], motion.r[back]
-        rest = np.array([values.get(f"rest[{i}]@{index + 1}", 0.0) for i in range(1, cradle.bobs + 1)])
+        rest = np.array([values.get(name_in_run("rest", index, bob), 0.0) for bob in range(1, cradle.bobs + 1)])
         still = equilibrium(cradle) if instrument.quantity == "x" else None
         readings = instrument.readings(theta[: len(wanted)], r[: len(wanted)], still) + rest
         return readings, theta[len(wanted) :]
 
     def sigma_of(self, values: Mapping[str, float], index: int) -> float:
         """Standard deviation of the noise of run `index` [rad or m]."""
-        return values.get(f"noise@{index + 1}", self.noise_model.scales[index])
+        return values.get(noise_name(index), self.noise_model.scales[index])
 
     @property
     def gives_lambda(self) -> bool:

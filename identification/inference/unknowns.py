@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from cradle_env.cradle import FIELDS, Cradle
-from cradle_env.effects.elements import element_of
 from cradle_env.errors import unknown_key
+from cradle_env.parameter_name import ALL, ParameterName
 from identification.experiment.experiment import Experiment
 from identification.experiment.run import Prior, Run
 
@@ -118,19 +118,25 @@ def _field_unknown(cradle: Cradle, name: str, prior: Prior | None) -> Unknown:
 
 def _elements(cradle: Cradle, name: str) -> list[str]:
     """What is inferred under a name: itself, or every value of a parameter with one for each bob or gap."""
-    effect_name, key = name.split(".")
-    found = next((p for e in cradle.composition if e.name == effect_name for p in e.parameters if p.key == key), None)
-    return [name] if found is None else [f"{effect_name}.{own}" for own in found.element_keys(cradle.bobs)]
+    stated = ParameterName.parse(name)
+    parameters = (p for e in cradle.composition if e.name == stated.effect for p in e.parameters)
+    if stated.element is None:
+        for p in parameters:
+            if p.key == stated.key:
+                return [f"{stated.effect}.{key}" for key in p.element_keys(cradle.bobs)]
+    return [name]
 
 
 def _effect_unknown(cradle: Cradle, name: str, prior: Prior | None) -> Unknown:
-    effect_name, address = name.split(".")
-    key, element = element_of(address)
-    declared = next(e for e in cradle.composition if e.name == effect_name)
-    p = next(p for p in declared.parameters if p.key == key)
-    start: Any = cradle.effects.get(effect_name, {}).get(key, p.scale)
-    start = start if element is None else start[max(element, 0)]
-    symbol = p.symbol if element is None or element < 0 else f"{p.symbol}_{element + 1}"
+    stated = ParameterName.parse(name)
+    declared = next(e for e in cradle.composition if e.name == stated.effect)
+    p = next(p for p in declared.parameters if p.key == stated.key)
+    start: Any = cradle.effects.get(stated.effect, {}).get(stated.key, p.scale)
+    symbol = p.symbol
+    if stated.element == ALL:
+        start = start[0]
+    elif stated.element is not None:
+        start, symbol = start[stated.element - 1], f"{p.symbol}_{stated.element}"
     if p.log:  # where the effect is absent, a search begins at its scale
         start, search = (start if math.isfinite(start) else p.scale), 1.0
     else:
@@ -154,11 +160,10 @@ def _with_prior(unknown: Unknown, prior: Prior) -> Unknown:
 def run_unknowns(experiment: Experiment, index: int, noise: float) -> list[Unknown]:
     """Unknowns of one run: release within its sd, or initial state; rest offsets; noise (`noise`: a first guess)."""
     cradle, run = experiment.cradle_of(experiment.runs[index]), experiment.runs[index]
-    at = f"@{index + 1}"
     found: list[Unknown] = []
 
-    def add(name: str, unit: str, symbol: str, start: float, **fields) -> None:
-        found.append(Unknown(name + at, unit, symbol, start, nuisance=True, **fields))
+    def add(quantity: str, unit: str, symbol: str, start: float, bob: int | None = None, **fields) -> None:
+        found.append(Unknown(name_in_run(quantity, index, bob), unit, symbol, start, nuisance=True, **fields))
 
     if run.state == "release":
         assert run.release is not None
@@ -168,41 +173,38 @@ def run_unknowns(experiment: Experiment, index: int, noise: float) -> list[Unkno
             add("release_time_error", "s", "Δt_0", 0.0, mean=0.0, sd=run.release.time_sd)
     else:
         theta, theta_dot = estimate_initial_motion(cradle, run)
-        for i in range(cradle.bobs):
-            add(f"theta[{i + 1}]", "rad", f"θ_{i + 1}", theta[i], low=-math.pi, high=math.pi)
-            add(f"theta_dot[{i + 1}]", "rad/s", f"θ̇_{i + 1}", theta_dot[i])
+        bobs = range(1, cradle.bobs + 1)
+        for bob in bobs:
+            add("theta", "rad", f"θ_{bob}", theta[bob - 1], bob, low=-math.pi, high=math.pi)
+            add("theta_dot", "rad/s", f"θ̇_{bob}", theta_dot[bob - 1], bob)
         if cradle.has("radial_elasticity"):
             # Strings ripple by a part of what the bob's weight stretches them by.
             ripple = 0.3 * sag(cradle)
             speed = ripple * math.sqrt(cradle.radial_stiffness / cradle.mass)
-            for i in range(cradle.bobs):
-                add(f"stretch[{i + 1}]", "m", f"Δr_{i + 1}", 0.0, mean=0.0, sd=ripple)
-                add(f"r_dot[{i + 1}]", "m/s", f"ṙ_{i + 1}", 0.0, mean=0.0, sd=speed)
+            worn = {"low": 0.3, "high": 1.0, "mean": 0.65, "sd": 0.2, "search": 0.3}
+            for bob in bobs:
+                add("stretch", "m", f"Δr_{bob}", 0.0, bob, mean=0.0, sd=ripple)
+                add("r_dot", "m/s", f"ṙ_{bob}", 0.0, bob, mean=0.0, sd=speed)
                 if cradle.has("string_hysteresis"):
-                    add(
-                        f"tension_ratio[{i + 1}]",
-                        "1",
-                        f"T_{i + 1}",
-                        WORN_TENSION_RATIO,
-                        low=0.3,
-                        high=1.0,
-                        mean=0.65,
-                        sd=0.2,
-                        search=0.3,
-                    )
+                    add("tension_ratio", "1", f"T_{bob}", WORN_TENSION_RATIO, bob, **worn)
     if run.rest == "free":
         unit, width = ("rad", 0.02) if run.quantity == "theta" else ("m", 0.02 * cradle.length)
-        for i in run.bobs_seen:
-            add(f"rest[{i}]", unit, f"x_{i}", 0.0, mean=0.0, sd=width)
+        for bob in run.bobs_seen:
+            add("rest", unit, f"x_{bob}", 0.0, bob, mean=0.0, sd=width)
     if run.noise is None:
         unit = "rad" if run.quantity == "theta" else "m"
         add("noise", unit, "σ_n", noise, low=1e-3 * noise, high=1e4 * noise, log=True)
     return found
 
 
+def name_in_run(quantity: str, index: int, bob: int | None = None) -> str:
+    """The name of an unknown of run `index` (from 0), of one bob (from 1) if each has its own."""
+    return str(ParameterName(quantity, element=bob, run=index + 1))
+
+
 def noise_name(index: int) -> str:
-    """The name of the unknown noise of run `index`."""
-    return f"noise@{index + 1}"
+    """The name of the unknown noise of run `index` (from 0)."""
+    return name_in_run("noise", index)
 
 
 def sag(cradle: Cradle) -> float:

@@ -20,6 +20,7 @@ from cradle_env.cradle import Cradle
 from cradle_env.effects import LEARNED, effect
 from cradle_env.effects.learned_force import ALONG_STRINGS, IN_TIME, learned_force
 from cradle_env.effects.radial_elasticity import radial_elasticity
+from cradle_env.parameter_name import ParameterName
 from cradle_env.threads import in_threads
 from identification.diagnosis.criteria import MISSPECIFIED_GAP
 from identification.diagnosis.selection.candidates import with_effects
@@ -249,7 +250,7 @@ class LinearModel:
         step = self.solve(subset)[1]
         values = {}
         for u, z, d in zip(self.fitted.likelihood.unknowns, self.fitted.point, step, strict=False):
-            if "@" not in u.name:
+            if ParameterName.parse(u.name).run is None:
                 values[u.name] = float(u.value(z)) * max(1.0 + d, 0.1) if u.log else float(z + d)
         coefficients = step[len(self.fitted.point) :]
         return values | {self.term(j).name: float(c) for j, c in zip(subset, coefficients, strict=True)}

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from cradle_env.parameter_name import ParameterName
 from cradle_env.release import Release
 from identification.experiment.experiment import Experiment
 from identification.experiment.run import ReleaseInfo, Run
@@ -115,7 +116,7 @@ class PlannedRun(Likelihood):
         cradle = fitted.cradle.replace(bobs=run.readings.shape[1], delta=run.delta)
         new = Experiment(cradle, (run,), old.infer, old.unknown_effect_parameters)
         super().__init__(new, None, fitted.likelihood.workers)
-        own = {name: value for name, value in fitted.values.items() if "@" not in name}
+        own = {name: value for name, value in fitted.values.items() if ParameterName.parse(name).run is None}
         self.prior_mean = point_at(self, {**self.values(self.start()), **own})
         self.precision = self._precision(fitted)
         self._root = np.linalg.cholesky(self.precision).T

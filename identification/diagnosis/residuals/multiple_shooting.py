@@ -16,6 +16,7 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from cradle_env.cradle import Cradle
+from cradle_env.parameter_name import ParameterName
 from cradle_env.threads import in_threads
 from identification.diagnosis.residuals.windows import equal_edges
 from identification.experiment.run import Run
@@ -23,7 +24,7 @@ from identification.inference.fit_result import FitResult, ResidualIndex
 from identification.inference.least_squares import bounds, difference_steps, residuals_or_penalty
 from identification.inference.likelihood import Likelihood, hanging_radius
 from identification.inference.start_points import point_at
-from identification.inference.unknowns import WORN_TENSION_RATIO
+from identification.inference.unknowns import WORN_TENSION_RATIO, name_in_run
 
 #: Width of a window [small-angle periods].
 _WINDOW_PERIODS = 3.0
@@ -47,28 +48,30 @@ def fit_multiple_shooting(fitted: FitResult) -> FitResult:
     experiment, likelihood = fitted.experiment, fitted.likelihood
     runs: list[Run] = []
     origins: list[int] = []
-    values = {name: value for name, value in fitted.values.items() if "@" not in name}
+    values = {name: value for name, value in fitted.values.items() if ParameterName.parse(name).run is None}
     for k, (run, rows) in enumerate(zip(experiment.runs, likelihood.rows, strict=True)):
         if not rows.any():
             continue
         edges = _segment_edges(run.times[rows], _WINDOW_PERIODS * fitted.cradle.period)
         states = _start_states(fitted, k, edges[:-1])
-        rest = np.array([fitted.values.get(f"rest[{i + 1}]@{k + 1}", 0.0) for i in range(fitted.cradle.bobs)])
+        rest = np.array([fitted.values.get(name_in_run("rest", k, i + 1), 0.0) for i in range(fitted.cradle.bobs)])
         for number, (low, high) in enumerate(itertools.pairwise(edges)):
             inside = rows & (run.times >= low) & (run.times < high)
             if not inside.any():
                 continue
             part = {"times": run.times[inside], "readings": run.readings[inside] - rest, "lines": None}
             part |= {"rest": "known", "fit_to": None}
-            at = f"@{len(runs) + 1}"
+            window = len(runs)
             origins.append(k)
             if number == 0:
                 runs.append(dataclasses.replace(run, **part))
-                values |= {name.partition("@")[0] + at: value for name, value in fitted.values.items()
-                           if name.endswith(f"@{k + 1}")}  # fmt: skip
+                own = {ParameterName.parse(name): value for name, value in fitted.values.items()}
+                values |= {str(name.in_run(window + 1)): value for name, value in own.items() if name.run == k + 1}
             else:
                 runs.append(dataclasses.replace(run, **part, state="free", release=None, fit_from=low))
-                values |= {name + at: value for name, value in states[number].items()}
+                values |= {
+                    name_in_run(quantity, window, bob): value for (quantity, bob), value in states[number].items()
+                }
     in_windows = dataclasses.replace(experiment, runs=tuple(runs))
     shooting = Likelihood(in_windows, None, likelihood.workers)
     low, high = bounds(shooting)
@@ -104,9 +107,10 @@ def _segment_jacobian(likelihood: Likelihood, point: np.ndarray) -> np.ndarray:
     """
     base, width, run = likelihood.residuals(point), difference_steps(likelihood), ResidualIndex.of(likelihood).run
     priors = len(run) + np.cumsum([not math.isnan(u.sd) for u in likelihood.unknowns]) - 1
-    together: dict[str, list[int]] = {}
-    for i, name in enumerate(likelihood.names):
-        together.setdefault(name.partition("@")[0], []).append(i)
+    names = [ParameterName.parse(name) for name in likelihood.names]
+    together: dict[ParameterName, list[int]] = {}
+    for i, name in enumerate(names):
+        together.setdefault(name.in_run(None), []).append(i)
     J = np.zeros((len(base), len(point)))
 
     def change(places: list[int]) -> np.ndarray:
@@ -117,8 +121,8 @@ def _segment_jacobian(likelihood: Likelihood, point: np.ndarray) -> np.ndarray:
     changes = in_threads(change, list(together.values()), likelihood.workers)
     for places, changed in zip(together.values(), changes, strict=True):
         for i in places:
-            number = likelihood.names[i].partition("@")[2]
-            own = np.flatnonzero(run == int(number) - 1) if number else np.arange(len(run))
+            of_run = names[i].run
+            own = np.arange(len(run)) if of_run is None else np.flatnonzero(run == of_run - 1)
             own = own if math.isnan(likelihood.unknowns[i].sd) else np.append(own, priors[i])
             J[own, i] = changed[own] / width[i]
     return J
@@ -129,8 +133,8 @@ def _segment_edges(times: np.ndarray, width: float) -> np.ndarray:
     return np.append(equal_edges(times[0], times[-1], width)[:-1], np.inf)
 
 
-def _start_states(fitted: FitResult, index: int, starts: np.ndarray) -> list[dict[str, float]]:
-    """The model's state of run `index` at each time of `starts` [s], by the names of a free start's unknowns."""
+def _start_states(fitted: FitResult, index: int, starts: np.ndarray) -> list[dict[tuple[str, int], float]]:
+    """The model's state of run `index` at each time of `starts` [s], by the quantity and bob of a free start."""
     motion = fitted.likelihood.motion(fitted.values, index, starts)
     cradle = motion.cradle
     hanging = hanging_radius(
@@ -141,10 +145,10 @@ def _start_states(fitted: FitResult, index: int, starts: np.ndarray) -> list[dic
         state = {}
         for i in range(cradle.bobs):
             state |= {
-                f"theta[{i + 1}]": motion.theta[row, i],
-                f"theta_dot[{i + 1}]": motion.theta_dot[row, i],
-                f"stretch[{i + 1}]": motion.r[row, i] - hanging[i],
-                f"r_dot[{i + 1}]": motion.r_dot[row, i],
+                ("theta", i + 1): motion.theta[row, i],
+                ("theta_dot", i + 1): motion.theta_dot[row, i],
+                ("stretch", i + 1): motion.r[row, i] - hanging[i],
+                ("r_dot", i + 1): motion.r_dot[row, i],
             }
         states.append(state)
     return states

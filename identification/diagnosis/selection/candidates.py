@@ -10,7 +10,7 @@ from typing import Any
 
 from cradle_env.cradle import Cradle
 from cradle_env.effects import MODELS, Effect, Parameter, effect, known_effects
-from cradle_env.effects.elements import element_of
+from cradle_env.parameter_name import ParameterName
 from identification.experiment.experiment import Experiment
 from identification.inference.impossible_model import raises_impossible
 
@@ -91,9 +91,8 @@ def _chain(declared: Effect) -> list[str]:
 
 def parameter_of(name: str) -> Parameter:
     """The parameter of which an unknown is a value: "effect.parameter", with "[i]" where there are several."""
-    owner, _, address = name.partition(".")
-    key, _ = element_of(address)
-    return next(p for p in effect(owner).parameters if p.key == key)
+    stated = ParameterName.parse(name)
+    return next(p for p in effect(stated.effect).parameters if p.key == stated.key)
 
 
 def shapes(declared: Effect, bobs: int) -> Iterator[dict[str, Any]]:
@@ -141,7 +140,7 @@ def without_effect(experiment: Experiment, name: str) -> Experiment:
     effects = {key: values for key, values in experiment.cradle.effects.items() if key != name}
     if name in MODELS[experiment.cradle.model]:
         effects[f"-{name}"] = {}
-    unknown = tuple(key for key in experiment.unknown_effect_parameters if key.partition(".")[0] != name)
+    unknown = tuple(key for key in experiment.unknown_effect_parameters if ParameterName.parse(key).effect != name)
     return dataclasses.replace(
         experiment, cradle=experiment.cradle.replace(effects=effects), unknown_effect_parameters=unknown
     )

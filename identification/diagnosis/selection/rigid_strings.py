@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from cradle_env.cradle import Cradle
+from cradle_env.parameter_name import ParameterName
 from identification.diagnosis.criteria import MISSPECIFIED_GAP
 from identification.diagnosis.selection.candidates import without_effect
 from identification.diagnosis.selection.model_comparison import log_evidence
@@ -19,7 +20,8 @@ def choose_base_model(given: FitResult, searcher: Searcher, tell: Progress) -> F
     """The fit of the same model with rigid strings, where both are far from the data and it is the more evident; else
     the best mode of the model as it is. What has a prior, or is stated with all its values, is not taken out."""
     going, unknown = _with_dependents(given), given.experiment.unknown_effect_parameters
-    known = {name.partition(".")[0] for name in given.experiment.infer}
+    priors = map(ParameterName.parse, given.experiment.infer)
+    known = {name.effect or name.key for name in priors}
     stated = ((name, {f"{name}.{key}" for key in values}) for name, values in given.cradle.effects.items())
     known |= {name for name, values in stated if values and values.isdisjoint(unknown)}
     if given.training_gap() < MISSPECIFIED_GAP or not given.cradle.has(ELASTIC_STRINGS) or known & {"kappa", *going}:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from cradle_env.parameter_name import ParameterName
 from identification.diagnosis.selection.candidates import Candidate, Values, parameter_of
 from identification.diagnosis.selection.score_test import compute_sensitivities
 from identification.inference.fit_result import FitResult
@@ -21,7 +22,7 @@ def standing_in(fitted: FitResult, other: FitResult, candidate: Candidate) -> li
     if candidate.name in gone:
         return [_as_in(other, candidate)]
     names = other.likelihood.names
-    grown = {i: _grown(other, name) for i, name in enumerate(names) if name.partition(".")[0] in gone}
+    grown = {i: _grown(other, name) for i, name in enumerate(names) if ParameterName.parse(name).effect in gone}
     if not any(grown.values()) or not np.isfinite(list(grown.values())).all():
         return []
     done = other.jacobian[:, list(grown)] @ list(grown.values())

@@ -14,6 +14,7 @@ import numpy as np
 from scipy.stats import chi2 as chi2_distribution
 
 from cradle_env.effects import LEARNED
+from cradle_env.parameter_name import ParameterName
 from cradle_env.threads import in_threads
 from identification.diagnosis.selection.candidates import parameter_of
 from identification.diagnosis.selection.search import PointCache, fit_key
@@ -60,8 +61,8 @@ def shape_unknowns(fitted: FitResult) -> list[int]:
     learned = {declared.name for declared in LEARNED}
     indices = []
     for i, unknown in enumerate(fitted.likelihood.unknowns):
-        owner, dot, _ = unknown.name.partition(".")
-        if unknown.log and dot and owner not in learned and not parameter_of(unknown.name).is_strength:
+        owner = ParameterName.parse(unknown.name).effect
+        if unknown.log and owner and owner not in learned and not parameter_of(unknown.name).is_strength:
             indices.append(i)
     return indices
 

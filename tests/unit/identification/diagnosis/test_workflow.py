@@ -15,6 +15,7 @@ from cradle_env import Cradle, Release, effects, simulate
 from cradle_env.effects import CATALOGUE, LEARNED, effect, register
 from cradle_env.effects.elements import with_value
 from cradle_env.model_files import read_model
+from cradle_env.parameter_name import ParameterName
 from identification import Experiment, diagnose
 from identification.cli.app import main
 from identification.diagnosis import repair, stepwise, workflow
@@ -708,9 +709,9 @@ def test_the_command(plain, tmp_path, capsys):
 
 def test_values_per_bob_or_gap_are_unknowns_one_by_one_or_all_alike():
     known = {"offset": [0.0, 0.0, 0.0]}
-    assert with_value(known, "offset[2]", 0.1)["offset"] == [0.0, 0.1, 0.0]
-    assert with_value(known, "offset[*]", 0.1)["offset"] == [0.1, 0.1, 0.1]
-    assert with_value(known, "c2", 0.1) == {**known, "c2": 0.1}
+    assert with_value(known, ParameterName.parse("offset[2]"), 0.1)["offset"] == [0.0, 0.1, 0.0]
+    assert with_value(known, ParameterName.parse("offset[*]"), 0.1)["offset"] == [0.1, 0.1, 0.1]
+    assert with_value(known, ParameterName.parse("c2"), 0.1) == {**known, "c2": 0.1}
     parameters = {f"spacer_offset.offset[{i}]": Interval("1", 0.1 * i, (0.0, i)) for i in (1, 2)}
     assert effect_parameters(parameters, "spacer_offset") == {
         "offset": {"median": [0.1, 0.2], "ci95": [[0.0, 1], [0.0, 2]]}
