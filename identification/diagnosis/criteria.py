@@ -108,6 +108,11 @@ def may_hold_faults(fitted: FitResult, criteria: Criteria) -> bool:
     return chi2_excess_sd(fitted) >= criteria.fault_excess_sd
 
 
+def is_misspecified(fitted: FitResult) -> bool:
+    """Whether the training gap of a model is above MISSPECIFIED_GAP."""
+    return fitted.training_gap() > MISSPECIFIED_GAP
+
+
 def exceeds_allowed_gap(gap: float, allowed: float) -> bool:
     """Whether a held-out gap is larger than a right model leaves in 99 of 100 experiments, see `predictive_check`."""
     return gap > allowed
@@ -118,5 +123,4 @@ def fails_prediction(fitted: FitResult) -> bool:
 
     A misspecified model never counts: near no mode of its own, it has no predictive distribution to compare with.
     """
-    near = fitted.training_gap() <= MISSPECIFIED_GAP
-    return near and exceeds_allowed_gap(fitted.held_out_gap(), fitted.predictive_bound)
+    return not is_misspecified(fitted) and exceeds_allowed_gap(fitted.held_out_gap(), fitted.predictive_bound)

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cradle_env.effects import effect
-from identification.diagnosis.criteria import MISSPECIFIED_GAP, Criteria, fails_prediction
+from identification.diagnosis.criteria import Criteria, fails_prediction, is_misspecified
 from identification.diagnosis.learned_law.law import LearnedLaw, can_outdo, evidence_over_effects
 from identification.diagnosis.learned_law.learning import learn_law
 from identification.diagnosis.selection.candidates import Candidate, candidate_of_effect, without_effect
@@ -101,7 +101,7 @@ def _overtaken(course: Course) -> bool:
     """Whether, near the noise, a law on the base model does better than several names that leave more than noise: yet
     another would only bend towards one unknown cause."""
     base, last = course.examined[0].fitted, course.examined[-1]
-    if len(course.examined) != _OVERTAKEN or not last.significant or base.training_gap() > MISSPECIFIED_GAP:
+    if len(course.examined) != _OVERTAKEN or not last.significant or is_misspecified(base):
         return False
     law = course.law_beside(base, last.fitted)
     return law is not None and evidence_over_effects(law, last.fitted) >= course.searcher.criteria.equivalent_log_odds

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cradle_env.threads import each_in_threads, in_threads
-from identification.diagnosis.criteria import MISSPECIFIED_GAP
+from identification.diagnosis.criteria import is_misspecified
 from identification.diagnosis.learned_law.free_run import fit_free_run
 from identification.diagnosis.learned_law.law import LearnedLaw
 from identification.diagnosis.learned_law.terms import LinearModel, Scales, Term
@@ -47,7 +47,7 @@ def draft_extensions(
 
     They are fitted when asked for. A model that is not misspecified needs all of them, so threads fit them in parallel.
     """
-    workers = 1 if law.before.training_gap() > MISSPECIFIED_GAP else searcher.workers
+    workers = 1 if is_misspecified(law.before) else searcher.workers
     drafts = each_in_threads(
         lambda subset: _draft_extension(law, searcher, part, scales, linear, subset, most), subsets, workers
     )  # fmt: skip
@@ -87,7 +87,7 @@ def complete_best(
     Of a misspecified model, a prediction of one stretch of time says little about the next. There each choice is
     represented by its first draft, and by its next one only if that fails.
     """
-    if law.before.training_gap() <= MISSPECIFIED_GAP:
+    if not is_misspecified(law.before):
         choices = [iter([draft]) for draft in itertools.chain.from_iterable(choices)]
     by_noise = noise_gap_bound(part.runs, training_rows(part)[1])
     remaining = [(draft, choice) for choice in choices for draft in itertools.islice(choice, 1)]
@@ -109,7 +109,7 @@ def _drop_weak_terms(law: LearnedLaw, searcher: Searcher, part: Experiment, belo
     The linear model that chose the terms holds only near the mode without them. All terms of a misspecified model stay,
     for there the evidence says little.
     """
-    while len(law.terms) > 1 and law.before.training_gap() <= MISSPECIFIED_GAP:
+    while len(law.terms) > 1 and not is_misspecified(law.before):
         values, sd = law.fitted.values, np.sqrt(np.diag(law.fitted.laplace_covariance))
         sizes = {name: abs(values[name]) / own for name, own in zip(law.fitted.likelihood.names, sd, strict=True)}
         weakest = min(law.terms, key=lambda term: sizes[term.name])

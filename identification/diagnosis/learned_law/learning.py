@@ -16,7 +16,7 @@ from __future__ import annotations
 import functools
 import math
 
-from identification.diagnosis.criteria import MISSPECIFIED_GAP, only_noise
+from identification.diagnosis.criteria import is_misspecified, only_noise
 from identification.diagnosis.learned_law.drafts import complete_best, draft_extensions
 from identification.diagnosis.learned_law.free_run import fit_free_run, is_in_step
 from identification.diagnosis.learned_law.law import LearnedLaw, law_scales
@@ -59,7 +59,7 @@ def learn_law(
     drafts = [draft_extensions(none, searcher, part, scales, view, candidate_subsets(view), most) for view in views]
     # The residuals of a misspecified model's free run hold the accumulated effect of all forces so far. Terms chosen to
     # fit them can predict the next third well and fail later, so the free run is asked only where windows find no law.
-    windows_first = shooting is not None and fitted.training_gap() > MISSPECIFIED_GAP
+    windows_first = shooting is not None and is_misspecified(fitted)
     drafts, later = (drafts[:1], drafts[1:]) if windows_first else (drafts, [])
     progress("law", 0.6, "periodic forces")
     if shooting is not None and (timed := add_periodic_terms(shooting, scales, best_subset(shooting))) is not None:
@@ -78,7 +78,7 @@ def learn_law(
     for i in range(_ROUNDS):
         if only_noise(law.fitted, searcher.criteria):  # further terms would fit noise, and predict worse
             break
-        if shooting is not None and law.fitted.training_gap() > MISSPECIFIED_GAP:  # not from its free run
+        if shooting is not None and is_misspecified(law.fitted):  # not from its free run
             break
         progress("law", 0.8 + 0.05 * i, "further terms")
         proposals = ((view, best_subset(view)) for view in _linearize_free_run(law))

@@ -6,7 +6,7 @@ from __future__ import annotations
 import dataclasses
 import math
 
-from identification.diagnosis.criteria import MISSPECIFIED_GAP
+from identification.diagnosis.criteria import is_misspecified
 from identification.diagnosis.selection.search import Searcher, fit_key, refine_to_mode
 from identification.experiment.experiment import Experiment
 from identification.experiment.train_test import training_rows
@@ -39,7 +39,7 @@ def predictions(without: FitResult, refit: FitResult, searcher: Searcher) -> tup
 
     None near the noise, or where the model without predicts out of step.
     """
-    if refit.training_gap() < MISSPECIFIED_GAP:
+    if not is_misspecified(refit):
         return None
     before, gap = validate_inner(without, searcher)
     return None if gap > _IN_STEP * before.training_gap() else (gap, validate_inner(refit, searcher)[1])

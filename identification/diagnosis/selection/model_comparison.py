@@ -20,7 +20,7 @@ import numpy as np
 from cradle_env.effects.added_mass import added_mass
 from cradle_env.effects.clock_scale import clock_scale
 from cradle_env.effects.length_mismatch import length_mismatch
-from identification.diagnosis.criteria import MISSPECIFIED_GAP, Criteria, fails_prediction, only_noise
+from identification.diagnosis.criteria import Criteria, fails_prediction, is_misspecified, only_noise
 from identification.diagnosis.selection.candidates import Candidate, list_candidates
 from identification.diagnosis.selection.inner_validation import EQUAL, predictions
 from identification.diagnosis.selection.score_test import ScoreTest, family_p, gain_neg_log10_p
@@ -80,7 +80,7 @@ def decide(
     tried = dict.fromkeys([*worth_refitting(scored), *also])
     fits = refitted(fitted, list(tried), scored, searcher, tell)
     decision = _decision(fitted, fits, scored, searcher)
-    if decision.chosen is not None or fitted.training_gap() > MISSPECIFIED_GAP or not exhaust:
+    if decision.chosen is not None or is_misspecified(fitted) or not exhaust:
         return decision
     left = [s.candidate for s in scored.scores if s.directions and s.candidate not in fits]
     fits |= refitted(fitted, left, scored, searcher, tell)
@@ -109,7 +109,7 @@ def of_the_period(fitted: FitResult, searcher: Searcher, tell: Progress) -> dict
     first order foretells nothing of it."""
     by_name = {c.name: c for c in reversed(list_candidates(fitted.cradle))}  # those with one value for all come first
     modes = fitted.cradle.bobs >= MIN_BOBS_WITH_IMPACT_ORDER and "kappa" in fitted.likelihood.names
-    if not modes or not by_name.keys() >= {*_PERIOD} or fitted.training_gap() > MISSPECIFIED_GAP:
+    if not modes or not by_name.keys() >= {*_PERIOD} or is_misspecified(fitted):
         return {}
     clock, *others = (by_name[name] for name in _PERIOD)
     tell("refit", 0.0, f"{clock.label} from anywhere")
@@ -145,7 +145,7 @@ def from_anywhere(
     """A decision again, after searches from anywhere for the models with each of its candidates, the most probable
     first, until one is enough: from where the model without it has its mode, refits may not find the right one. Far
     above the noise the same decision, for there no one candidate is all that is missing."""
-    if fitted.training_gap() > MISSPECIFIED_GAP:
+    if is_misspecified(fitted):
         return decision
     enough = enough or functools.partial(only_noise, criteria=searcher.criteria)
     fits = {refit.candidate: searcher.best(refit.fitted) for refit in decision.refits}
@@ -200,7 +200,7 @@ def _decision(
     refits.sort(key=lambda refit: -refit.log_evidence)
     significant = _significant(refits, searcher.criteria)
     chosen = next((refit for refit in significant if _predicts(fitted, refit, searcher)), None)
-    if chosen is not None and fitted.training_gap() > MISSPECIFIED_GAP:
+    if chosen is not None and is_misspecified(fitted):
         chosen = _simplest(fitted, chosen, significant, searcher)
     return Decision(tuple(refits), chosen, _probability(chosen, refits), inflation, effective)
 

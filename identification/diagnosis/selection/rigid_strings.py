@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from cradle_env.cradle import Cradle
 from cradle_env.parameter_name import ParameterName
-from identification.diagnosis.criteria import MISSPECIFIED_GAP
+from identification.diagnosis.criteria import is_misspecified
 from identification.diagnosis.selection.candidates import without_effect
 from identification.diagnosis.selection.model_comparison import log_evidence
 from identification.diagnosis.selection.search import Searcher
@@ -24,7 +24,7 @@ def choose_base_model(given: FitResult, searcher: Searcher, tell: Progress) -> F
     known = {name.effect or name.key for name in priors}
     stated = ((name, {f"{name}.{key}" for key in values}) for name, values in given.cradle.effects.items())
     known |= {name for name, values in stated if values and values.isdisjoint(unknown)}
-    if given.training_gap() < MISSPECIFIED_GAP or not given.cradle.has(ELASTIC_STRINGS) or known & {"kappa", *going}:
+    if not is_misspecified(given) or not given.cradle.has(ELASTIC_STRINGS) or known & {"kappa", *going}:
         return given
     given = searcher.refit_multistart(given, tell)
     tell("search", 0.0, "the model with rigid strings")
@@ -38,7 +38,7 @@ def choose_base_model(given: FitResult, searcher: Searcher, tell: Progress) -> F
     inflation, effective = min((given, rigid), key=lambda one: one.chi2).effective_sample
     more = len(given.point) - len(rigid.point)
     evident = log_evidence(rigid.chi2 - given.chi2, more, inflation, effective) > 0.0
-    return given if evident or min(given.training_gap(), rigid.training_gap()) < MISSPECIFIED_GAP else rigid
+    return given if evident or not (is_misspecified(given) and is_misspecified(rigid)) else rigid
 
 
 def removed_effects(cradle: Cradle, given: Cradle) -> list[str]:
