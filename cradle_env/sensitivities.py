@@ -9,12 +9,12 @@ import numpy as np
 
 from cradle_env.cradle import FIELDS, Cradle
 from cradle_env.effects import CATALOGUE
-from cradle_env.effects.elements import element_of
 from cradle_env.errors import unknown_key
 from cradle_env.kernel_records import records
 from cradle_env.mechanics import layout as p
 from cradle_env.mechanics import tangents
 from cradle_env.mechanics.tangent_lanes import INPUTS, SHEET, TANGENT_ORDER
+from cradle_env.parameter_name import ALL, ParameterName
 from cradle_env.release import InitialState, Release
 
 Start = Release | InitialState
@@ -143,10 +143,11 @@ def _parameter(
     name: str, cradle: Cradle, release: Start
 ) -> tuple[float, float, Callable[[float], tuple[Cradle, Start]]]:
     """(value, size, function of its value that gives cradle and release) of a parameter by name."""
-    of, dot, key = name.partition(".")
-    if dot:
-        return _effect_parameter(name, of, key, cradle, release)
-    field, element = element_of(name)
+    parsed = ParameterName.parse(name)
+    if parsed.effect:
+        return _effect_parameter(parsed, cradle, release)
+    # ALL has no meaning here: it becomes element -1, which no field of a cradle or release has.
+    field, element = parsed.key, None if parsed.element is None else parsed.element - 1
     if field in ("release_angle", *_STATE_FIELDS):
         return _start_parameter(name, field, element, cradle, release)
     if field in ("alpha", "n") and cradle.power_law is not None and element is None:
@@ -160,7 +161,8 @@ def _parameter(
                 release,
             ),
         )
-    if field == "delta" and (element is not None or not isinstance(cradle.delta, tuple)):
+    has_gap = element is not None and 0 <= element < cradle.bobs - 1
+    if field == "delta" and (has_gap or (element is None and not isinstance(cradle.delta, tuple))):
         gaps = np.broadcast_to(np.asarray(cradle.delta, dtype=float), cradle.bobs - 1)
         chosen = np.ones(len(gaps)) if element is None else np.eye(len(gaps))[element]
         return 0.0, _SIZES["delta"], lambda x: (cradle.replace(delta=tuple(gaps + x * chosen)), release)
@@ -171,16 +173,18 @@ def _parameter(
     return value, max(abs(value), _SIZES.get(name, 0.0)), lambda x: (cradle.replace(**{name: x}), release)
 
 
-def _effect_parameter(name: str, of: str, key: str, cradle: Cradle, release: Start):
-    effect = next((e for e in CATALOGUE if e.name == of), None)
-    field, element = element_of(key)
+def _effect_parameter(name: ParameterName, cradle: Cradle, release: Start):
+    effect = next((e for e in CATALOGUE if e.name == name.effect), None)
     known = {} if effect is None else {q.key: q for q in effect.parameters}
-    if of not in cradle.effects or field not in known:
+    if name.effect not in cradle.effects or name.key not in known:
         listed = [f"{e.name}.{q.key}" for e in cradle.composition for q in e.parameters if e.name in cradle.effects]
-        raise ValueError(unknown_key("sensitivity", name, listed) + "; the cradle must have the effect")
-    value = float(np.atleast_1d(cradle.effects[of][field])[max(element or 0, 0)])
-    size = max(abs(value), abs(known[field].scale))
-    return value, size, lambda x: (cradle.with_values({name: x}), release)
+        raise ValueError(unknown_key("sensitivity", str(name), listed) + "; the cradle must have the effect")
+    values = np.atleast_1d(cradle.effects[name.effect][name.key])
+    if (name.element or ALL) > len(values):
+        raise ValueError(f"sensitivity {name}: {name.effect} has {len(values)} values of {name.key}, numbered from 1")
+    value = float(values[max((name.element or ALL) - 1, 0)])
+    size = max(abs(value), abs(known[name.key].scale))
+    return value, size, lambda x: (cradle.with_values({str(name): x}), release)
 
 
 #: Fields of an `InitialState`, one number a bob.

@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+import re
 
 import numpy as np
 import pytest
@@ -177,4 +178,11 @@ def test_nothing_is_told_where_nothing_exists():
 )
 def test_what_is_not_known_is_refused(cradle, name, said):
     with pytest.raises(ValueError, match=said):
+        simulate(cradle, Release(angle=0.1), 0.1, sensitivities=(name,))
+
+
+@pytest.mark.parametrize("name", ["delta[9]", "delta[*]", "k_f[1]", "nothing", "k f[", "spacer_offset.offset[7]"])
+def test_a_parameter_that_is_not_there_is_named(name):
+    cradle = Cradle(bobs=3, delta=0.01, effects={"spacer_offset": {"offset": [0.0, 0.0]}})
+    with pytest.raises(ValueError, match=re.escape(name)):
         simulate(cradle, Release(angle=0.1), 0.1, sensitivities=(name,))
