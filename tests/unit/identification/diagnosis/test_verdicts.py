@@ -75,7 +75,7 @@ def test_a_small_misfit_is_told_from_noise(experiment, gap, misfit):
     posterior = made_up_posterior(experiment, gap=gap)
     assert posterior.misfit == misfit and posterior.describes_data is (misfit != "large")
     words = model_verdict(posterior.summary())
-    assert ("but for a little" in words) is (misfit == "small")
+    assert ("with a small misfit" in words) is (misfit == "small")
     assert ("does not describe" in words) is (misfit == "large")
     json.dumps(posterior.summary()["misfit"])
 
@@ -94,7 +94,9 @@ def test_a_posterior_that_its_bounds_cut_off_is_told(experiment):
         posterior.unknowns[k].high))  # fmt: skip
     cut = dataclasses.replace(posterior, chain=chain)
     assert cut.at_bounds == ("kappa",)
-    assert "The posterior of kappa is cut off: it was looked for from 19.66 to 1966 N/m" in model_verdict(cut.summary())
+    assert "The posterior of kappa is cut off at a bound: the search covered 19.66 to 1966 N/m" in model_verdict(
+        cut.summary()
+    )
 
 
 def test_stated_as_nothing_is_looked_for_where_cradles_are(experiment):
