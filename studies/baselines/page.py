@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -17,16 +18,22 @@ _STYLES: dict[str, tuple[str, Any]] = {
 
 
 def by_method(rows: Sequence[dict[str, Any]], name: str) -> dict[str, np.ndarray]:
-    """Returns on an environment: of agents the mean of each, by the largest budget spent; of other methods those of
-    each episode."""
+    """Returns on an environment: of agents the mean of each, by the budget that most were given, the larger of two; of
+    other methods those of each episode."""
     found: dict[str, np.ndarray] = {}
     for method in METHODS:
         own = [row for row in rows if row["environment"] == name and row["method"] == method]
-        most = max((row.get("steps", 0) for row in own), default=0)
-        own = [row for row in own if row.get("steps", 0) == most]
+        budget = _budget(own)
+        own = [row for row in own if row.get("steps", 0) == budget]
         if len(own) > 0:
-            found[method] = np.array([np.mean(row["returns"]) for row in own] if most else own[-1]["returns"])
+            found[method] = np.array([np.mean(row["returns"]) for row in own] if budget else own[-1]["returns"])
     return found
+
+
+def _budget(rows: Sequence[dict[str, Any]]) -> int:
+    """The control intervals that most agents learned from; 0 for methods that learn nothing."""
+    spent = Counter(row.get("steps", 0) for row in rows)
+    return max(spent, key=lambda steps: (spent[steps], steps), default=0)
 
 
 def page(rows: Sequence[dict[str, Any]], names: Sequence[str]) -> str:
@@ -76,16 +83,12 @@ def _notes(rows: Sequence[dict[str, Any]], names: Sequence[str]) -> list[str]:
         "camera's readings.",
     ]
     for method in ("PPO", "SAC"):
-        counts = {
-            name: {(row["steps"], row["seed"]) for row in rows if (row["environment"], row["method"]) == (name, method)}
-            for name in names
-        }
-        said = [
-            f"{len([1 for steps, _ in found if steps == max(found)[0]])} of {max(found)[0]:,} control intervals "
-            f"(`{name}`)"
-            for name, found in counts.items()
-            if found
-        ]
+        said = []
+        for name in names:
+            own = [row for row in rows if (row["environment"], row["method"]) == (name, method)]
+            if own:
+                agents = [row for row in own if row["steps"] == _budget(own)]
+                said.append(f"{len(agents)} of {_budget(own):,} control intervals (`{name}`)")
         if said:
             notes.append(
                 f"- {method}: standard errors are over agents, one for each training seed, which covers the luck of "
