@@ -209,8 +209,25 @@ def options_table(options: type) -> str:
     )
 
 
+def engines() -> str:
+    """A row for each engine of the bench that is kept, and each of its settings."""
+    rows = json.loads((ROOT / "docs" / "bench.json").read_text(encoding="utf-8"))["engines"]
+    return table(
+        ("bobs", "engine", "setting", "simulated per processor time", "the same, sampled", "largest error of θ (rad)"),
+        [
+            (
+                *(str(row[name]) for name in ("bobs", "engine", "setting")),
+                *(f"{row[name]:,.0f}" for name in ("speed", "speed_sampled")),
+                f"{row['error']:.1e}",
+            )
+            for row in rows
+        ],
+    )
+
+
 PARTS: dict[str, Callable[[], str]] = {
     "criteria": criteria,
+    "engines": engines,
     "search-options": search_options,
     "effects-overview": effects_overview,
     "effects": effects,
