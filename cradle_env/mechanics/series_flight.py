@@ -166,17 +166,7 @@ def close(cradle, bob, S, W, lane, i, later):
     """Ends the segment in a lane at its step or at the first event of the string before it. Returns whether it is
     finite."""
     t, c = (S[i, T1], END) if later else (S[i, T0], START)
-    branch, row = W[0, LANE_BRANCH + lane], W[0, LANES + lane :]
-    h, straight = row[WIDTH * STEP], bob.length * bob.length
-    end, cause = string_event(
-        cradle, bob, branch, h,
-        0.5 * (row[WIDTH * SQUARES] - straight), 0.5 * row[WIDTH * (SQUARES + 1)], row[WIDTH * (SQUARES + 2)],
-        0.5 * (row[WIDTH * SQUARE] - straight), 0.5 * row[WIDTH * SLOPE], 0.5 * row[WIDTH * BEND],
-    )  # fmt: skip
-    if cause != GRID:
-        end = crossing(row, cause, stretching(branch) if cause != TURN else loading(branch), straight, end, h)
-        if end == h:
-            cause = GRID
+    end, cause = length_and_cause(cradle, bob, W[0, LANE_BRANCH + lane], W[0, LANES + lane :])
     t1 = t + end
     series, last = (LATER_SERIES, LATER_END) if later else (SERIES, END)
     x, z, vx, vz = motion_on(S, i * COLUMNS + series, t1 - t)
@@ -191,6 +181,23 @@ def close(cradle, bob, S, W, lane, i, later):
     S[i, STEPS] += 1.0
     S[0, FLOWN] += 1.0
     return math.isfinite(x + vx)
+
+
+@leaf
+def length_and_cause(cradle, bob, branch, row):
+    """(length [s], cause of its end) of the segment in a lane, on this branch of the string: the lane's step, or the
+    first event of the string."""
+    h, straight = row[WIDTH * STEP], bob.length * bob.length
+    end, cause = string_event(
+        cradle, bob, branch, h,
+        0.5 * (row[WIDTH * SQUARES] - straight), 0.5 * row[WIDTH * (SQUARES + 1)], row[WIDTH * (SQUARES + 2)],
+        0.5 * (row[WIDTH * SQUARE] - straight), 0.5 * row[WIDTH * SLOPE], 0.5 * row[WIDTH * BEND],
+    )  # fmt: skip
+    if cause != GRID:
+        end = crossing(row, cause, stretching(branch) if cause != TURN else loading(branch), straight, end, h)
+        if end == h:
+            cause = GRID
+    return end, cause
 
 
 @jit

@@ -22,7 +22,6 @@ import numpy as np
 
 from cradle_env.mechanics.impact import _A, _CHAIN_ERROR, _CHAIN_LIMIT, _COARSEST, _E, _FINEST
 from cradle_env.mechanics.jit import entry, jit, part
-from cradle_env.mechanics.lanes import BEND, SLOPE, SQUARE, SQUARES, STEP, WIDTH
 from cradle_env.mechanics.layout import (
     BRANCH,
     CHAIN_D,
@@ -46,11 +45,10 @@ from cradle_env.mechanics.layout import (
     STRUCK_LAST,
     T0,
     TENSION,
-    TURN,
 )
 from cradle_env.mechanics.restitution import dissipation, equivalent_dissipation, restitution, restitution_slope
-from cradle_env.mechanics.series_flight import PRESENT, crossing, load
-from cradle_env.mechanics.string_events import direction_after, loading, stretching, string_event, turned
+from cradle_env.mechanics.series_flight import PRESENT, length_and_cause, load
+from cradle_env.mechanics.string_events import direction_after, turned
 from cradle_env.mechanics.strings import tension
 from cradle_env.mechanics.tangent_lanes import (
     AT,
@@ -118,7 +116,7 @@ def fly(cradle, bob, S, W, sheet, inputs, i, until, inclusive, times, fields, D,
         expand_tangents(W, LANES, sheet)
         vary_inputs(bob, S, i, fields, D, inputs)
         start = S[i, T0]
-        h, cause = segment(cradle, bob, S[i, BRANCH], W)
+        h, cause = length_and_cause(cradle, bob, S[i, BRANCH], W[0, LANES:])
         end = start + h
         if end >= until:
             end, cause = until, GRID
@@ -148,23 +146,6 @@ def vary_inputs(bob, S, i, fields, D, inputs):
             inputs[q, 4 + k] = fields[q, PULL] * S[i, TENSION + k] + pull * D[q, MEMORY + k]
         inputs[q, 7], inputs[q, 8], inputs[q, 9] = fields[q, DAMPING], fields[q, SPACING2], fields[q, STRING]
         inputs[q, 10], inputs[q, 11] = fields[q, FALL], 0.0
-
-
-@part
-def segment(cradle, bob, branch, W):
-    """(length [s], cause of its end) of the segment in the first lane: its step, or the first event of the string."""
-    row, straight = W[0, LANES:], bob.length * bob.length
-    h = row[WIDTH * STEP]
-    end, cause = string_event(
-        cradle, bob, branch, h,
-        0.5 * (row[WIDTH * SQUARES] - straight), 0.5 * row[WIDTH * (SQUARES + 1)], row[WIDTH * (SQUARES + 2)],
-        0.5 * (row[WIDTH * SQUARE] - straight), 0.5 * row[WIDTH * SLOPE], 0.5 * row[WIDTH * BEND],
-    )  # fmt: skip
-    if cause != GRID:
-        end = crossing(row, cause, stretching(branch) if cause != TURN else loading(branch), straight, end, h)
-        if end == h:
-            cause = GRID
-    return end, cause
 
 
 @part
