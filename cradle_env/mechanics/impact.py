@@ -19,7 +19,7 @@ from cradle_env.mechanics.contact import (
     yielding,
 )
 from cradle_env.mechanics.integrator import free_derivative
-from cradle_env.mechanics.jit import jit
+from cradle_env.mechanics.jit import jit, leaf
 from cradle_env.mechanics.layout import (
     ACTIVE,
     CANDIDATE,
@@ -66,7 +66,7 @@ _LEAST_PRESS = 1e-3
 # A contact followed in time departs from eq. 1 as an impact at this speed [m/s] at least: pressed bobs begin at rest.
 _LEAST_DEPARTURE = 1e-3
 # A chain is left to itself after this many times the time scale of a pair impact, which lasts 3.2 of them.
-_CHAIN_LIMIT = 300.0
+CHAIN_LIMIT = 300.0
 
 
 @jit
@@ -118,14 +118,45 @@ def _chain_rates(A, lo, hi, W, x, out):
         W[p, out + 1] = total
 
 
-@jit
-def _chain_is_over(A, lo, hi, W):
-    """No pair presses, and none approaches."""
+@leaf
+def chain_presses(A, lo, hi, W, x):
+    """Whether a pair presses or approaches; overlaps and their rates stand in W from column x on."""
     for p in range(lo, hi - 1):
-        overlap, rate = W[p, CHAIN], W[p, CHAIN + 1]
+        overlap, rate = W[p, x], W[p, x + 1]
         if rate > 1e-9 or (overlap > 0.0 and overlap + A * rate > 0.0):
-            return False
-    return True
+            return True
+    return False
+
+
+@leaf
+def chain_tolerance(scale):
+    """Error per step of a chain whose speeds are in units of `scale` [m/s]."""
+    return min(max(_CHAIN_ERROR / scale, _FINEST), _COARSEST)
+
+
+@leaf
+def stage_value(W, p, now, stages, width, s, h):
+    """What stands in column `now` of pair p, at stage s of a step of length h; its rates at the stages stand from
+    column `stages` on, `width` apart."""
+    total = 0.0
+    for j in range(s):
+        total += _A[s, j] * W[p, stages + width * j]
+    return W[p, now] + h * total
+
+
+@leaf
+def step_error(W, p, stages, width, h):
+    """Error of a step of length h in what has its rates at the stages from column `stages` on, `width` apart."""
+    total = 0.0
+    for s in range(7):
+        total += _E[s] * W[p, stages + width * s]
+    return abs(h * total)
+
+
+@leaf
+def following_step(h, tolerance, error):
+    """Length of the step after one of length h with this error."""
+    return h * min(4.0, max(0.2, 0.9 * (tolerance / max(error, 1e-30)) ** 0.2))
 
 
 @jit
@@ -156,8 +187,7 @@ def chain(cradle, bobs, table, S, W, lo, hi):
         W[p, CHAIN_D] *= m
         W[p, CHAIN_U] *= m
         W[p, CHAIN + 1] /= scale
-    tolerance = min(max(_CHAIN_ERROR / scale, _FINEST), _COARSEST)
-    steps = _resolve(equivalent_dissipation(cradle, table, m, scale), tolerance, lo, hi, W)
+    steps = _resolve(equivalent_dissipation(cradle, table, m, scale), chain_tolerance(scale), lo, hi, W)
     for p in range(lo, hi - 1):
         W[p, SOLUTION] = W[p, CHAIN + 2] * m * scale
         W[p, LOSS] = W[p, CHAIN + 3] * m * scale * scale
@@ -169,29 +199,23 @@ def chain(cradle, bobs, table, S, W, lo, hi):
 def _resolve(A, tolerance, lo, hi, W):
     """Integrates a chain until no pair presses or approaches, with control of the error; returns how many steps."""
     t, h, steps = 0.0, 0.01, 0
-    while t < _CHAIN_LIMIT and not (t > 0.0 and _chain_is_over(A, lo, hi, W)):
+    while t < CHAIN_LIMIT and (t == 0.0 or chain_presses(A, lo, hi, W, CHAIN)):
         for s in range(7):
             for p in range(lo, hi - 1):
                 for c in range(4):
-                    total = 0.0
-                    for j in range(s):
-                        total += _A[s, j] * W[p, CHAIN + 8 + 4 * j + c]
-                    W[p, CHAIN + 4 + c] = W[p, CHAIN + c] + h * total
+                    W[p, CHAIN + 4 + c] = stage_value(W, p, CHAIN + c, CHAIN + 8 + c, 4, s, h)
             _chain_rates(A, lo, hi, W, CHAIN + 4, CHAIN + 8 + 4 * s)
         error = 0.0
         steps += 1
         for p in range(lo, hi - 1):
             for c in range(2):
-                e = 0.0
-                for s in range(7):
-                    e += _E[s] * W[p, CHAIN + 8 + 4 * s + c]
-                error = max(error, abs(h * e))
+                error = max(error, step_error(W, p, CHAIN + 8 + c, 4, h))
         if error <= tolerance:
             t += h
             for p in range(lo, hi - 1):
                 for c in range(4):
                     W[p, CHAIN + c] = W[p, CHAIN + 4 + c]
-        h *= min(4.0, max(0.2, 0.9 * (tolerance / max(error, 1e-30)) ** 0.2))
+        h = following_step(h, tolerance, error)
     return steps
 
 

@@ -20,7 +20,14 @@ import math
 
 import numpy as np
 
-from cradle_env.mechanics.impact import _A, _CHAIN_ERROR, _CHAIN_LIMIT, _COARSEST, _E, _FINEST
+from cradle_env.mechanics.impact import (
+    CHAIN_LIMIT,
+    chain_presses,
+    chain_tolerance,
+    following_step,
+    stage_value,
+    step_error,
+)
 from cradle_env.mechanics.jit import entry, jit, part
 from cradle_env.mechanics.layout import (
     BRANCH,
@@ -345,7 +352,7 @@ def collide_chain(cradle, bobs, table, S, W, lo, hi, lead, q, law, fields, D):
     d_m, d_scale = -W[lead, VARIED_D], W[lead, LINK_NOW + 4]
     d_e = restitution_by_parameter(cradle, table, m, scale, d_scale, d_m, law)
     d_A = d_e / restitution_slope(table, A) + A * (0.4 * d_m - 0.2 * d_scale)
-    resolve_varied(A, d_A, min(max(_CHAIN_ERROR / scale, _FINEST), _COARSEST), lo, hi, W)
+    resolve_varied(A, d_A, chain_tolerance(scale), lo, hi, W)
     for p in range(lo, hi - 1):
         nx, nz, impulse, d_impulse = (
             W[p, N_X],
@@ -383,32 +390,24 @@ def varied_rates(A, d_A, lo, hi, W, x, out):
 @jit
 def resolve_varied(A, d_A, tolerance, lo, hi, W):
     """Integrates a chain and its derivatives until no pair presses or approaches; control of the chain's error."""
-    t, h, pressing = 0.0, 0.01, True
-    while t < _CHAIN_LIMIT and pressing:
+    t, h = 0.0, 0.01
+    while t < CHAIN_LIMIT and (t == 0.0 or chain_presses(A, lo, hi, W, LINK_NOW)):
         for s in range(7):
             for p in range(lo, hi - 1):
                 for c in range(LINK_STATES):
-                    total = 0.0
-                    for j in range(s):
-                        total += _A[s, j] * W[p, LINK_STAGES + LINK_STATES * j + c]
-                    W[p, LINK_TRIAL + c] = W[p, LINK_NOW + c] + h * total
+                    W[p, LINK_TRIAL + c] = stage_value(W, p, LINK_NOW + c, LINK_STAGES + c, LINK_STATES, s, h)
             varied_rates(A, d_A, lo, hi, W, LINK_TRIAL, LINK_STAGES + LINK_STATES * s)
         error = 0.0
         for p in range(lo, hi - 1):
             for c in range(LINK_STATES):
-                e = 0.0
-                for s in range(7):
-                    e += _E[s] * W[p, LINK_STAGES + LINK_STATES * s + c]
-                error = max(error, abs(h * e) * (1.0 if c < 3 else _VARIED_WEIGHT))
+                weight = 1.0 if c < 3 else _VARIED_WEIGHT
+                error = max(error, step_error(W, p, LINK_STAGES + c, LINK_STATES, h) * weight)
         if error <= tolerance:
             t += h
-            pressing = False
             for p in range(lo, hi - 1):
                 for c in range(LINK_STATES):
                     W[p, LINK_NOW + c] = W[p, LINK_TRIAL + c]
-                overlap, rate = W[p, LINK_NOW], W[p, LINK_NOW + 1]
-                pressing = pressing or rate > 1e-9 or (overlap > 0.0 and overlap + A * rate > 0.0)
-        h *= min(4.0, max(0.2, 0.9 * (tolerance / max(error, 1e-30)) ** 0.2))
+        h = following_step(h, tolerance, error)
 
 
 @jit
