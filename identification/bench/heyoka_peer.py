@@ -7,7 +7,7 @@ events of the integrator. Strings that go slack and contacts that last are left 
 
 import importlib
 from collections.abc import Callable
-from math import hypot, sqrt
+from math import hypot
 from typing import Any
 
 import numpy as np
@@ -26,7 +26,6 @@ def integrator(bobs: int, *, angle: float, tol: float, **cradle: Any) -> Callabl
     peer = Peer(bobs, strings="elastic", **cradle)
     places = [heyoka.make_vars(f"x{i}", f"z{i}", f"u{i}", f"w{i}") for i in range(bobs)]
     ratio = peer.length / peer.string_length
-    spacing = 2.0 * peer.radius * (1.0 + peer.delta)
     system = []
     for x, z, u, w in places:
         square = x * x + z * z
@@ -38,15 +37,13 @@ def integrator(bobs: int, *, angle: float, tol: float, **cradle: Any) -> Callabl
     events = []
     for p in range(bobs - 1):
         (x0, z0, _, _), (x1, z1, _, _) = places[p : p + 2]
-        apart = (x1 - x0 + spacing) ** 2 + (z1 - z0) ** 2 - 4.0 * peer.radius**2
+        apart = (x1 - x0 + peer.spacing) ** 2 + (z1 - z0) ** 2 - 4.0 * peer.radius**2
         falling = heyoka.event_direction.negative
-        events.append(heyoka.t_event(apart, direction=falling, callback=_Impact(p, spacing, restitution)))
+        events.append(heyoka.t_event(apart, direction=falling, callback=_Impact(p, peer.spacing, restitution)))
 
-    stretch = peer.mass * peer.gravity * peer.string_length / (4.0 * peer.kappa * peer.length)
-    hanging = sqrt((peer.string_length + stretch) ** 2 - peer.pivot_half_spacing**2)
     start = np.zeros((bobs, 4))
-    start[:, 1] = -hanging
-    start[-1, :2] = hanging * np.sin(angle), -hanging * np.cos(angle)
+    start[:, 1] = -peer.hanging
+    start[-1, :2] = peer.hanging * np.sin(angle), -peer.hanging * np.cos(angle)
     taylor = heyoka.taylor_adaptive(system, start.ravel().tolist(), tol=tol, t_events=events)
 
     def run(times: np.ndarray) -> np.ndarray:

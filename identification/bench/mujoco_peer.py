@@ -7,7 +7,7 @@ restitution of the KK contact (eq. 1) at one speed. SI units, radians.
 
 import importlib
 from collections.abc import Callable
-from math import cos, hypot, log, pi, sqrt
+from math import hypot, log, pi
 from typing import Any
 
 import numpy as np
@@ -27,23 +27,19 @@ def integrator(bobs: int, *, angle: float, step: float, **cradle: Any) -> Callab
 
     peer = Peer(bobs, strings="elastic", pivot_half_spacing=0.0, **cradle)
     stiffness = 4.0 * peer.kappa
-    hanging = peer.length + peer.mass * peer.gravity / stiffness
-    # The first blow comes at the speed of the fall.
-    speed = sqrt(2.0 * peer.gravity * hanging * (1.0 - cos(angle)))
-    decay = -log(restitution_curve(peer)(speed)) / pi
+    decay = -log(restitution_curve(peer)(peer.first_speed(angle))) / pi
     damping_ratio = decay / hypot(1.0, decay)
     omega = pi / (_STEPS_OF_A_CONTACT * step)
     contact = f"{-(omega**2):.17g} {-2.0 * damping_ratio * omega:.17g}"
-    spacing = 2.0 * peer.radius * (1.0 + peer.delta)
-    point = 1e-9 * peer.mass * hanging**2  # MuJoCo takes no moment of inertia of 0
+    point = 1e-9 * peer.mass * peer.hanging**2  # MuJoCo takes no moment of inertia of 0
     # The bodies hang along z = 0: x to the right, and gravity down in z.
     rows = "".join(
-        f"""<body pos="{i * spacing:.17g} 0 0">
-        <joint name="swing{i}" type="hinge" axis="0 -1 0" damping="{peer.b * hanging**2:.17g}"/>
+        f"""<body pos="{i * peer.spacing:.17g} 0 0">
+        <joint name="swing{i}" type="hinge" axis="0 -1 0" damping="{peer.b * peer.hanging**2:.17g}"/>
         <joint name="string{i}" type="slide" axis="0 0 -1" stiffness="{stiffness:.17g}"
-               springref="{peer.length - hanging:.17g}" damping="{peer.b:.17g}"/>
-        <inertial pos="0 0 {-hanging:.17g}" mass="{peer.mass:.17g}" diaginertia="{point} {point} {point}"/>
-        <geom type="sphere" pos="0 0 {-hanging:.17g}" size="{peer.radius:.17g}"
+               springref="{peer.length - peer.hanging:.17g}" damping="{peer.b:.17g}"/>
+        <inertial pos="0 0 {-peer.hanging:.17g}" mass="{peer.mass:.17g}" diaginertia="{point} {point} {point}"/>
+        <geom type="sphere" pos="0 0 {-peer.hanging:.17g}" size="{peer.radius:.17g}"
               condim="1" solref="{contact}" solimp="0.9999 0.9999 0.001"/>
         </body>"""
         for i in range(bobs)

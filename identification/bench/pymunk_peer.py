@@ -25,11 +25,8 @@ def integrator(bobs: int, *, angle: float, step: float, **cradle: Any) -> Callab
 
     peer = Peer(bobs, strings="elastic", pivot_half_spacing=0.0, **cradle)
     stiffness = 4.0 * peer.kappa
-    hanging = peer.length + peer.mass * peer.gravity / stiffness
-    speed = sqrt(2.0 * peer.gravity * hanging * (1.0 - cos(angle)))  # of the fall, at which the first blow comes
-    restitution = restitution_curve(peer)(speed)
-    spacing = 2.0 * peer.radius * (1.0 + peer.delta)
-    pivots = spacing * np.arange(bobs)
+    restitution = restitution_curve(peer)(peer.first_speed(angle))
+    pivots = peer.spacing * np.arange(bobs)
 
     def run(times: np.ndarray) -> np.ndarray:
         space = pymunk.Space()
@@ -39,7 +36,7 @@ def integrator(bobs: int, *, angle: float, step: float, **cradle: Any) -> Callab
         for i, x in enumerate(pivots):
             body = pymunk.Body(peer.mass, float("inf"))
             theta = angle if i == bobs - 1 else 0.0
-            body.position = x + hanging * sin(theta), -hanging * cos(theta)
+            body.position = x + peer.hanging * sin(theta), -peer.hanging * cos(theta)
             disc = pymunk.Circle(body, peer.radius)
             disc.elasticity, disc.friction = sqrt(restitution), 0.0  # pymunk multiplies those of both discs
             string = pymunk.DampedSpring(space.static_body, body, (x, 0.0), (0.0, 0.0), peer.length, stiffness, 0.0)

@@ -7,7 +7,7 @@ Hong, arXiv:2401.16693, eq. 1. SI units.
 import functools
 from collections.abc import Callable
 from dataclasses import dataclass
-from math import hypot, sqrt
+from math import cos, hypot, sqrt
 
 import numpy as np
 from numpy.polynomial import Chebyshev
@@ -55,6 +55,21 @@ class Peer:
     def string_length(self) -> float:
         """Unstretched length of one string in m."""
         return hypot(self.length, self.pivot_half_spacing)
+
+    @property
+    def spacing(self) -> float:
+        """Distance of neighbouring pivots in m."""
+        return 2 * self.radius * (1 + self.delta)
+
+    @property
+    def hanging(self) -> float:
+        """Length of a bob at rest in m, where 4 kappa s r0/sqrt(r0^2 + a^2) = m g."""
+        s = self.mass * self.gravity * self.string_length / (4 * self.kappa * self.length)
+        return sqrt((self.string_length + s) ** 2 - self.pivot_half_spacing**2)
+
+    def first_speed(self, angle: float) -> float:
+        """Speed of the first blow in m/s: that of the fall from `angle` (rad), strings as long as at rest."""
+        return sqrt(2 * self.gravity * self.hanging * (1 - cos(angle)))
 
 
 def kk_pair(a: float) -> tuple[float, float]:

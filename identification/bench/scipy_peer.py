@@ -58,7 +58,7 @@ def closing(y: np.ndarray, p: int, peer: Peer) -> tuple[float, float, float, flo
     n = peer.bobs
     r0, r1, swing0, swing1 = y[p], y[p + 1], y[p] * y[3 * n + p], y[p + 1] * y[3 * n + p + 1]
     s0, c0, s1, c1 = sin(y[n + p]), cos(y[n + p]), sin(y[n + p + 1]), cos(y[n + p + 1])
-    dx, dy = 2 * peer.radius * (1 + peer.delta) + r1 * s1 - r0 * s0, r0 * c0 - r1 * c1
+    dx, dy = peer.spacing + r1 * s1 - r0 * s0, r0 * c0 - r1 * c1
     distance = sqrt(dx * dx + dy * dy)
     nx, ny = dx / distance, dy / distance
     vx = y[2 * n + p + 1] * s1 + swing1 * c1 - y[2 * n + p] * s0 - swing0 * c0
@@ -183,11 +183,8 @@ def simulate(
         raise ValueError(f"delta = {peer.delta}: this peer has no resting contact, delta >= 0 only")
     restitution = restitution_curve(peer)
     times = np.asarray(times, float)
-    # At rest 4 kappa s r0/sqrt(r0^2 + a^2) = m g.
-    s = peer.mass * peer.gravity * peer.string_length / (4 * peer.kappa * peer.length)
-    hanging = sqrt((peer.string_length + s) ** 2 - peer.pivot_half_spacing**2)
-    y = np.concatenate([np.full(bobs, hanging), np.zeros(3 * bobs)])
-    y[bobs - 1] = peer.length if start == "unstretched" else hanging
+    y = np.concatenate([np.full(bobs, peer.hanging), np.zeros(3 * bobs)])
+    y[bobs - 1] = peer.length if start == "unstretched" else peer.hanging
     y[2 * bobs - 1] = angle
     strings = [String() for _ in range(bobs)]
     options = {"rtol": rtol, "atol": atol, "max_step": max_step}
