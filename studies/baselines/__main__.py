@@ -23,6 +23,7 @@ from cradle_env import __version__
 from cradle_env.envs.registration import ENVIRONMENTS
 from studies.baselines.page import draw, page
 from studies.baselines.policies import at_random, by_hand, constant, play
+from studies.kept_rows import read_rows
 
 #: One step of NewtonCradleRelease-v0 is an episode: its controllers are all constant.
 NAMES = tuple(name for name in ENVIRONMENTS if name != "NewtonCradleRelease-v0")
@@ -54,21 +55,16 @@ def main() -> None:
     file = asked.out / "results.jsonl"
     for key, measure in measurements(asked):
         # Read anew each time: several processes may share the work.
-        if any(all(row.get(name) == value for name, value in key.items()) for row in rows(file)):
+        if any(all(row.get(name) == value for name, value in key.items()) for row in read_rows(file)):
             continue
         began = time.process_time()
         row = {**key, **measure(), "cpu_s": round(time.process_time() - began, 1), "version": __version__}
         with file.open("a", encoding="utf-8") as lines:
             lines.write(json.dumps(row, ensure_ascii=False) + "\n")
         print(key, f"{np.mean(row['returns']):.3f}", flush=True)
-    (asked.out / "results.md").write_text(page(rows(file), NAMES), encoding="utf-8")
-    draw(rows(file), NAMES, asked.out / "baselines.png")
+    (asked.out / "results.md").write_text(page(read_rows(file), NAMES), encoding="utf-8")
+    draw(read_rows(file), NAMES, asked.out / "baselines.png")
     print((asked.out / "results.md").read_text(encoding="utf-8"))
-
-
-def rows(file: Path) -> list[dict[str, Any]]:
-    """The measurements that are kept."""
-    return [json.loads(line) for line in file.read_text(encoding="utf-8").splitlines()] if file.exists() else []
 
 
 def measurements(asked: argparse.Namespace) -> Iterator[tuple[dict[str, Any], Callable[[], dict[str, Any]]]]:

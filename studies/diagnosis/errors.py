@@ -17,8 +17,9 @@ from pathlib import Path
 
 import numpy as np
 
-from studies.diagnosis.rows import Row, is_confounded, kind, read_rows
+from studies.diagnosis.rows import Row, is_confounded, kind
 from studies.diagnosis.study import Apparatus, Case, cases, fit_at_truth, is_held_out, refit_right_model
+from studies.kept_rows import read_rows
 from tests.reference.laboratory import correlated_noise, drop_frames
 
 ROWS = Path(__file__).parents[2] / "docs" / "study_errors.jsonl"

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import json
-from pathlib import Path
-
 import numpy as np
 
 from studies.diagnosis.study import SAME, SYMMETRIC
@@ -14,11 +11,6 @@ KINDS = ("nothing hidden", "one effect", "two effects", "in no catalogue")
 CONFOUNDED = 2.0
 
 Row = dict
-
-
-def read_rows(path: Path) -> list[Row]:
-    """The rows of a file, one a line; none where there is no file."""
-    return [json.loads(line) for line in path.read_text(encoding="utf-8").splitlines()] if path.is_file() else []
 
 
 def kind(row: Row) -> str:

@@ -28,12 +28,12 @@ from studies.diagnosis.rows import (
     is_confounded,
     is_exact,
     kind,
-    read_rows,
     reported_names,
     rightly_named,
     values_covered,
 )
 from studies.diagnosis.study import EARLIER, HELD_OUT, LATEST, ROUNDS, STIFFENED, Apparatus, cases
+from studies.kept_rows import format_count, read_rows
 
 #: Cases by what the best wrong model, refitted, leaves over the right one, by the oracle [Δχ²].
 BINS = ((-math.inf, 35.0, "about 15"), (35.0, 100.0, "about 50"), (100.0, math.inf, "about 200"))
@@ -107,16 +107,8 @@ shapes; before, 311 of the values of N = 2 lay within their intervals.
 
 def format_share(rows: Iterable[Row], test: Callable[[Row], bool]) -> str:
     """ "k of n (95 % interval of the share)"."""
-    return _format_share([test(row) for row in rows])
-
-
-def _format_share(found: list[bool]) -> str:
-    """How many hold, as `share` says it."""
-    if not found:
-        return "–"
-    n, k, z = len(found), sum(found), 1.96
-    middle, half = (k + z**2 / 2) / (n + z**2), z * math.sqrt(k * (n - k) / n + z**2 / 4) / (n + z**2)
-    return f"{k} of {n} ({100 * max(0.0, middle - half):.0f}–{100 * min(1.0, middle + half):.0f} %)"
+    found = [test(row) for row in rows]
+    return format_count(sum(found), len(found))
 
 
 def table(header: Iterable[str], lines: Iterable[Iterable[object]]) -> list[str]:
@@ -156,7 +148,7 @@ def summary(rows: list[Row]) -> dict[str, str]:
         "in no catalogue: unknown (≥ 80 %)": format_share(unknown, lambda r: r["verdict"] == "unknown"),
         "in no catalogue: a wrong name (≤ 5 %)": format_share(unknown, lambda r: bool(reported_names(r))),
         "named rightly: held-out gap ≤ 1.05 (all)": format_share(good, lambda r: r["gap after"] <= 1.05),
-        "named rightly: values of what is hidden within their 95 % intervals": _format_share(values),
+        "named rightly: values of what is hidden within their 95 % intervals": format_count(sum(values), len(values)),
         "seconds of one core a case, without advice: median, largest": f"{np.median(seconds):.0f}, {seconds.max():.0f}",
     }
 
@@ -189,7 +181,7 @@ def filmed_again(rows: list[Row]) -> list[str]:
     """The same of right models that no verdict chose, and whether intervals hold what is hidden."""
     lines = [
         (f"N = {bobs}", *(_spread([row["errors"][key] for row in own if key in row["errors"]]) for key in _UNKNOWNS),
-         _format_share([value for row in own for value in values_covered(row)]))
+         format_count(sum(inside := [value for row in own for value in values_covered(row)]), len(inside)))
         for bobs in (1, 2, 3) if (own := [row for row in rows if row["bobs"] == bobs])
     ]  # fmt: skip
     return table(("", "k_f", "κ", "b", "values of what is hidden within their 95 % intervals"), lines)

@@ -20,8 +20,10 @@ from studies.film.draw import draw
 from studies.film.judge import judge
 from studies.film.made import make
 from studies.film.page import page
+from studies.kept_rows import read_rows
 
 HERE = Path(__file__).parent
+KEPT = HERE / "results.jsonl"
 
 
 def measure(number: int, frames: int, folder: Path) -> dict[str, Any]:
@@ -44,12 +46,6 @@ def measure(number: int, frames: int, folder: Path) -> dict[str, Any]:
     }
 
 
-def kept() -> list[dict[str, Any]]:
-    """The rows so far."""
-    path = HERE / "results.jsonl"
-    return [json.loads(line) for line in path.read_text(encoding="utf-8").splitlines()] if path.exists() else []
-
-
 def main() -> int:
     """Measures the films that are not kept yet, and writes the page."""
     parser = argparse.ArgumentParser(
@@ -59,16 +55,16 @@ def main() -> int:
     parser.add_argument("--first", type=int, default=100, help="number of the first; earlier ones served development")
     parser.add_argument("--frames", type=int, default=600, help="of a film, at most; 20 s at 60 frames/s take 1200")
     asked = parser.parse_args()
-    done = {row["film"] for row in kept()}
+    done = {row["film"] for row in read_rows(KEPT)}
     for number in range(asked.first, asked.first + asked.films):
         if number in done:
             continue
         with tempfile.TemporaryDirectory() as folder:
             row = measure(number, asked.frames, Path(folder))
-        with (HERE / "results.jsonl").open("a", encoding="utf-8") as file:
+        with KEPT.open("a", encoding="utf-8") as file:
             file.write(json.dumps(row) + "\n")
-        print(f"film {number}: {len(kept())} kept", file=sys.stderr, flush=True)
-    (HERE / "results.md").write_text(page(kept()), encoding="utf-8")
+        print(f"film {number}: {len(read_rows(KEPT))} kept", file=sys.stderr, flush=True)
+    (HERE / "results.md").write_text(page(read_rows(KEPT)), encoding="utf-8")
     return 0
 
 

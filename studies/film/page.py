@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from scipy.stats import beta
+from scipy.stats import binomtest
 
 #: Asked: RMS error of the centres [pixels], and error of an impact's time [frames].
 CENTRES, TIMES = 0.1, 0.1
@@ -18,9 +18,8 @@ def share(count: int, of: int) -> str:
     """A count, and its share with the 95 % interval of Clopper and Pearson."""
     if of == 0:
         return "–"
-    low = beta.ppf(0.025, count, of - count + 1) if count else 0.0
-    high = beta.ppf(0.975, count + 1, of - count) if count < of else 1.0
-    return f"{count} of {of}, {100 * count / of:.3g} % ({100 * low:.2g} to {100 * high:.3g} %)"
+    ends = binomtest(count, of).proportion_ci(method="exact")
+    return f"{count} of {of}, {100 * count / of:.3g} % ({100 * ends.low:.2g} to {100 * ends.high:.3g} %)"
 
 
 def _rms(rows: Sequence[dict[str, Any]]) -> np.ndarray:
@@ -51,8 +50,8 @@ def page(rows: Sequence[dict[str, Any]]) -> str:
         "with blur, noise, glare, a pattern behind, a hand, something that hides a bob, and tilts of about a degree,",
         "through H.264, MPEG-4, MJPEG or VP9. A film has at most 600 frames, so only those at 30 frames/s last 20 s:",
         f"{longest} of {len(tracked)}. Together they last {sum(row['duration'] for row in tracked):.0f} s.",
-        "Films 0 to 114 were looked at while faults of the measurement were mended; later ones were held out.",
-        "Intervals are of 95 %; those of an RMS are bootstrapped over films.",
+        f"Films 0 to {HELD_OUT - 1} were looked at while faults of the measurement were mended; later ones were held",
+        "out. Intervals are of 95 %; those of an RMS are bootstrapped over films.",
         "",
     ]
     if not tracked:

@@ -19,8 +19,9 @@ from threadpoolctl import threadpool_limits
 
 from identification.bench.diagnosis import is_right
 from identification.experiment.experiment import Experiment
-from studies.diagnosis.rows import Row, read_rows
+from studies.diagnosis.rows import Row
 from studies.diagnosis.study import Apparatus, Case, cases
+from studies.kept_rows import read_rows
 from studies.selection.table import write_page
 from studies.selection.verdict import Selection, select_effects
 

@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from scipy.stats import binomtest
-
 from studies.diagnosis.rows import KINDS, Row, kind
+from studies.kept_rows import format_count
 
 #: Δχ² from which one effect should be found: below, the data say little.
 STRONG = 35.0
@@ -24,7 +23,7 @@ INTRODUCTION = (
     "# Selection by evidence beside the diagnosis",
     "",
     "Made by `python -m studies.selection DIR`, of results.jsonl. *Right* is what docs/study.md calls right: the",
-    "verdict that the hidden effects call for. Brackets hold 95 % Wilson intervals. Seconds are the processor's. Those",
+    "verdict that the hidden effects call for. Parentheses hold 95 % Wilson intervals. Seconds are of processor. Those",
     "of `diagnose` are from docs/study.jsonl: on an older, slower simulator, with more work (intervals, limits, laws),",
     "so that their ratio is no speedup of the algorithm. Asterisks mark a wrong answer; p is the probability of the",
     "first set, scan p that of the residual scan.",
@@ -43,12 +42,6 @@ def write_page(rows: Sequence[Row], path: Path) -> None:
     path.write_text("\n".join(lines).rstrip() + "\n", encoding="utf-8")
 
 
-def wilson(right: int, total: int) -> str:
-    """`right of total [low–high %]`."""
-    ends = binomtest(right, total).proportion_ci(method="wilson")
-    return f"{right} of {total} [{100 * ends.low:.0f}–{100 * ends.high:.0f} %]"
-
-
 def _counts(rows: Sequence[Row]) -> list[str]:
     lines = ["| hidden | selection right | `diagnose` right | only selection | only `diagnose` | CPU s, median |",
              "|---|---|---|---|---|---|"]  # fmt: skip
@@ -59,7 +52,7 @@ def _counts(rows: Sequence[Row]) -> list[str]:
             only = [sum(a and not b for a, b in zip(*pair, strict=True)) for pair in ((new, old), (old, new))]
             seconds = sorted(row["seconds"] for row in own)[len(own) // 2]
             before = sorted(row["old"]["seconds"] for row in own)[len(own) // 2]
-            lines.append(f"| {title} | {wilson(sum(new), len(own))} | {wilson(sum(old), len(own))} "
+            lines.append(f"| {title} | {format_count(sum(new), len(own))} | {format_count(sum(old), len(own))} "
                          f"| {only[0]} | {only[1]} | {seconds:.0f} (old {before:.0f}) |")  # fmt: skip
     return lines
 

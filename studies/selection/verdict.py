@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from identification.diagnosis.criteria import DEFAULT_CRITERIA
+from identification.diagnosis.criteria import DEFAULT_CRITERIA, exceeds_allowed_gap
 from identification.diagnosis.residuals.residual_tests import scan_residuals
 from identification.experiment.experiment import Experiment
 from identification.inference.fit_result import with_known_noise
@@ -51,7 +51,7 @@ def select_effects(experiment: Experiment, seed: int = 0, workers: int | None = 
     scan_p = _scan(best, estimated, seed)
     gap, bound = best.fitted.held_out_gap(), best.fitted.predictive_bound
     level = DEFAULT_CRITERIA.significance_level
-    refuted = bool(best.names) and gap > bound
+    refuted = bool(best.names) and exceeds_allowed_gap(gap, bound)
     merged = _merge(search, search.ranked(best))
     first = frozenset(merged[0][0])
     rivals = [(names, odds) for names, odds in merged[1:] if not (first <= {*names} or first >= {*names})]

@@ -7,13 +7,14 @@ import numpy as np
 import pytest
 
 from cradle_env.envs.registration import ENVIRONMENTS
-from studies.baselines.__main__ import HERE, NAMES, rows
+from studies.baselines.__main__ import HERE, NAMES
 from studies.baselines.page import by_method, page
 from studies.baselines.planner import plan
 from studies.baselines.policies import at_random, by_hand, constant, play
+from studies.kept_rows import read_rows
 
 PAGE = (HERE / "results.md").read_text(encoding="utf-8")
-KEPT = rows(HERE / "results.jsonl")
+KEPT = read_rows(HERE / "results.jsonl")
 
 
 def test_the_page_is_of_what_is_kept() -> None:

@@ -5,15 +5,16 @@ import pytest
 
 from cradle_env import Cradle
 from identification.apparatus.video.tracking import Tracks
-from studies.film.__main__ import HERE, kept
+from studies.film.__main__ import HERE, KEPT
 from studies.film.draw import LONGEST, draw
 from studies.film.judge import impact_errors
 from studies.film.made import Case, Truth
 from studies.film.page import page, share
+from studies.kept_rows import read_rows
 
 
 def test_the_page_is_of_what_is_kept() -> None:
-    rows = kept()
+    rows = read_rows(KEPT)
     assert (HERE / "results.md").read_text(encoding="utf-8") == page(rows)
     assert len({row["film"] for row in rows}) == len(rows)
 

@@ -12,12 +12,12 @@ from identification.diagnosis.selection.candidates import list_candidates, param
 from identification.experiment.experiment import Experiment
 from identification.experiment.run import ReleaseInfo, Run
 from identification.inference.unknowns import model_unknowns
-from studies.diagnosis.rows import read_rows
+from studies.kept_rows import read_rows
 from studies.selection.__main__ import HERE
 from studies.selection.continuation import FIRST_PERIODS, LAST_SHARE, Basin, Minimum, horizons
 from studies.selection.evidence import LaplaceTerms, log_prior
 from studies.selection.model_search import ModelSearch
-from studies.selection.table import wilson, write_page
+from studies.selection.table import write_page
 from studies.selection.verdict import select_effects
 from tests.synthetic import simulated_run
 
@@ -123,13 +123,6 @@ def test_a_strong_effect_is_named():
 def test_a_pair_is_named():
     selection = select_effects(pendulum(DRAG | {"angle_offset": {"offset": 3e-3}}))
     assert set(selection.sets[0][0]) == {"quadratic_drag", "angle_offset"}
-
-
-def test_wilson_interval_is_that_of_the_formula():
-    p, n, z = 0.9, 10, 1.959963984540054
-    centre = (p + z**2 / (2 * n)) / (1 + z**2 / n)
-    half = z / (1 + z**2 / n) * math.sqrt(p * (1 - p) / n + z**2 / (4 * n**2))
-    assert wilson(9, 10) == f"9 of 10 [{100 * (centre - half):.0f}–{100 * (centre + half):.0f} %]"
 
 
 def test_the_page_is_made_of_the_kept_rows(tmp_path):

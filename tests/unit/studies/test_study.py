@@ -16,7 +16,6 @@ from studies.diagnosis.rows import (
     comes_first,
     is_confounded,
     is_exact,
-    read_rows,
     rightly_named,
     values_covered,
 )
@@ -36,6 +35,7 @@ from studies.diagnosis.study import (
     is_held_out,
 )
 from studies.diagnosis.table import PAGE, ROWS, filmed_again, format_share, misses_table, render_page, summary
+from studies.kept_rows import read_rows
 from tests.reference.laboratory import correlated_noise
 
 SYMMETRIC = [["clock_scale"], ["length_mismatch"], ["added_mass"]]

@@ -19,9 +19,9 @@ from identification.inference.impossible_model import ImpossibleModelError
 from identification.inference.noise_model import NoiseModel
 from identification.inference.start_points import flatten_values
 from identification.inference.unknowns import Unknown
-from studies.diagnosis.rows import read_rows
 from studies.diagnosis.study import Apparatus, cases
 from studies.diagnosis.table import ROWS
+from studies.kept_rows import read_rows
 from tests.reference.laboratory import record, write_experiment
 from tests.reference.soft_contact import SoftCradle
 from tests.synthetic import early_case
