@@ -173,7 +173,6 @@ def video(
     """Angles of the bobs from a film: experiment.toml and run1.csv for calibrate, and overlay.mp4 to look at."""
     import os
 
-    from cradle_env.cradle import Cradle
     from identification.apparatus.video.measure import measure_video
 
     settings = [*(set_ or []), *([] if diameter is None else [f"radius={diameter / 2.0!r}"])]
@@ -190,7 +189,7 @@ def video(
             "video",
             out,
             lambda progress: measure_video(
-                film, cradle or Cradle(), bobs=bobs, boxes=boxes, clicks=clicks, slow_motion=slow_motion, rate=rate,
+                film, cradle, bobs=bobs, boxes=boxes, clicks=clicks, slow_motion=slow_motion, rate=rate,
                 stated_length=length, overlay=part, progress=progress,
             ),
             "experiment.toml", "run1.csv", "overlay.mp4",

@@ -43,7 +43,7 @@ def write_results(
     SHA-256; returns its content. A Path is a file to be moved there."""
     with lock_folder(folder):
         earlier = (read_stamp(folder / stamp, content["format"]) or {}).get("files", {})
-        content = {**content, "files": {**earlier, **{name: _sha256(data) for name, data in files.items()}}}
+        content = {**content, "files": {**earlier, **{name: sha256_of(data) for name, data in files.items()}}}
         pending = write_json(_pending(folder, stamp), {key: content[key] for key in ("format", "files")})
         write_together(folder, {**files, stamp: json_text(content)})
         pending.unlink()
@@ -65,7 +65,7 @@ def _pending(folder: Path, stamp: str) -> Path:
 
 def _lists(content: Mapping[str, Any], file: Path) -> bool:
     """Whether a stamp lists a file as it is."""
-    return content.get("files", {}).get(file.name) == _sha256(file)
+    return content.get("files", {}).get(file.name) == sha256_of(file)
 
 
 def read_stamp(path: Path, formats: str, schema: str = "stamp") -> dict[str, Any] | None:
@@ -77,7 +77,8 @@ def read_stamp(path: Path, formats: str, schema: str = "stamp") -> dict[str, Any
     return content if content["format"] == formats else None
 
 
-def _sha256(data: str | bytes | Path) -> str:
+def sha256_of(data: str | bytes | Path) -> str:
+    """SHA-256 of text, bytes, or the content of a file; files larger than memory too."""
     if isinstance(data, Path):
         with data.open("rb") as file:
             return hashlib.file_digest(file, "sha256").hexdigest()

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from cradle_env.cradle import Cradle
+from identification.apparatus.columns import digest_of
 from identification.experiment.csv_file import read_recording
 from identification.experiment.experiment import Experiment
 from identification.experiment.noise import estimate_noise
@@ -70,7 +71,7 @@ def read_swings(
             raise ValueError(f"{path}: readings of {seen} bobs, but {together} swing together; correct the number")
         run = Run(recording.times, recording.displacements(), recording.quantity, state="free", file=path.name)
         swings.append(_swing(str(path), together, cradle, run, fit_from, fit_to))
-    return swings, hashlib.sha256("".join(digests).encode()).hexdigest()
+    return swings, digest_of(digests)
 
 
 def one_bob(cradle: Cradle) -> Cradle:

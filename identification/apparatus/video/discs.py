@@ -76,14 +76,14 @@ def peaks(found: np.ndarray, radius: float, least: float, most: int) -> Discs:
     here = found[rows, columns]
     places = np.stack(
         [
-            columns + _vertex(found[rows, columns - 1], here, found[rows, columns + 1]),
-            rows + _vertex(found[rows - 1, columns], here, found[rows + 1, columns]),
+            columns + vertex(found[rows, columns - 1], here, found[rows, columns + 1]),
+            rows + vertex(found[rows - 1, columns], here, found[rows + 1, columns]),
         ],
         axis=-1,
     )
     return Discs(places, here)
 
 
-def _vertex(before: np.ndarray, here: np.ndarray, after: np.ndarray) -> np.ndarray:
+def vertex(before: np.ndarray, here: np.ndarray, after: np.ndarray) -> np.ndarray:
     """Where a parabola through three values a step apart has its top, from the middle one."""
     return np.clip(0.5 * (before - after) / np.minimum(before - 2.0 * here + after, -1e-9), -0.5, 0.5)

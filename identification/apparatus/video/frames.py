@@ -11,7 +11,9 @@ from types import ModuleType
 import numpy as np
 
 from cradle_env.errors import check_range
+from identification.apparatus.columns import digest_of
 from identification.storage.files import ExperimentError
+from identification.storage.stamps import sha256_of
 
 _IMAGES = frozenset({".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp"})
 
@@ -90,6 +92,11 @@ class Film:
             yield played / self.slow_motion, picture
         if size is None:
             raise ExperimentError(f"{self.path}: holds no frame; check that it is a film")
+
+    @property
+    def digest(self) -> str:
+        """SHA-256 of the film, or over those of the images of a folder."""
+        return digest_of([sha256_of(file) for file in (self._images() if self.path.is_dir() else [self.path])])
 
     def _images(self) -> list[Path]:
         """In the order of the numbers in their names."""

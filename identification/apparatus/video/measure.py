@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -155,7 +154,7 @@ def measure_video(
         "roll": Value.normal("ρ", "by which the picture is turned clockwise", "rad", *lie.roll),
     }
     return VideoMeasurement(
-        values, _findings(tracks, lie, start), _warnings(tracks, lie, start, stated_length), _digest(source.path), 0,
+        values, _findings(tracks, lie, start, cradle), _warnings(tracks, lie, start, stated_length), source.digest, 0,
         tracks, lie, theta, start, experiment, overlay,
     )  # fmt: skip
 
@@ -185,24 +184,16 @@ def _experiment(cradle: Cradle, tracks: Tracks, lie: Geometry, theta: np.ndarray
     return Experiment(cradle, (run,), infer, ("angle_scale.scale",))
 
 
-def _lifted(start: Begin, bobs: int) -> dict[int, float]:
-    """Angle [rad] of each lifted bob by its number; empty where no release was seen."""
-    if start.release is None:
-        return {}
-    if start.release.angles is not None:
-        return dict(start.release.angles)
-    angle = start.release.angle or 0.0
-    return {bob: angle for bob in range(bobs - start.release.bobs + 1, bobs + 1)}
-
-
-def _findings(tracks: Tracks, lie: Geometry, start: Begin) -> tuple[str, ...]:
+def _findings(tracks: Tracks, lie: Geometry, start: Begin, cradle: Cradle) -> tuple[str, ...]:
     seen = 100.0 * np.isfinite(tracks.places[..., 0]).mean()
     scatter = float(np.nanmedian(tracks.scatter))
     if start.release is None:
         how = f"No release was seen; the state at {start.time:.3f} s of the film, t = 0, is to be inferred."
     else:
         angles = ", ".join(
-            f"bob {i}: {format_number(angle)} rad" for i, angle in _lifted(start, tracks.places.shape[1]).items()
+            f"bob {bob}: {format_number(angle)} rad"
+            for bob, angle in enumerate(start.release.angles_of(cradle), 1)
+            if np.isfinite(angle)
         )
         how = f"Released at {start.time:.3f} s of the film, which is t = 0, strings {start.release.start}; {angles}."
     return (
@@ -237,13 +228,3 @@ def _warnings(tracks: Tracks, lie: Geometry, start: Begin, length: float | None)
     if start.release is None:
         warnings.append("No bob is seen to be held still and let go; film from before the release where you can.")
     return tuple(warnings)
-
-
-def _digest(path: Path) -> str:
-    files = sorted(path.iterdir()) if path.is_dir() else [path]
-    together = hashlib.sha256()
-    for name in files:
-        if name.is_file():
-            with name.open("rb") as file:
-                together.update(hashlib.file_digest(file, "sha256").digest())
-    return together.hexdigest()

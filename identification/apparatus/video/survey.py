@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from identification.apparatus.video.discs import Discs, directions, peaks, reduced, response
+from identification.apparatus.video.discs import Discs, directions, peaks, reduced, response, vertex
 from identification.apparatus.video.frames import Film
 from identification.progress import Progress
 from identification.storage.files import ExperimentError
@@ -111,9 +111,7 @@ def _between(radii: np.ndarray, score: np.ndarray, best: int) -> float:
     """The radius of the top of a parabola through the best and its neighbours."""
     if not 0 < best < len(radii) - 1:
         return float(radii[best])
-    before, here, after = score[best - 1 : best + 2]
-    shift = 0.5 * (before - after) / min(before - 2.0 * here + after, -1e-9)
-    return float(radii[best] * (radii[best + 1] / radii[best]) ** np.clip(shift, -0.5, 0.5))
+    return float(radii[best] * (radii[best + 1] / radii[best]) ** vertex(*score[best - 1 : best + 2]))
 
 
 def _row(film: Film, found: Sequence[Discs], radius: float, bobs: int | None) -> tuple[np.ndarray, float, float]:

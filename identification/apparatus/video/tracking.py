@@ -55,9 +55,7 @@ def track(film: Film, found: Survey, progress: Progress = lambda *_: None) -> Tr
             rate = number / max(clock.monotonic() - began, 1e-9)
             progress("track", number / found.frames, f"frame {number} of {found.frames}, {rate:.0f} frames/s")
     table = np.array(rows)
-    return Tracks(
-        even(np.array(times), _TICK / film.slow_motion), table[..., :2], table[..., 2], table[..., 3]
-    )  # fmt: skip
+    return Tracks(even(np.array(times), _TICK / film.slow_motion), table[..., :2], table[..., 2], table[..., 3])
 
 
 def even(times: np.ndarray, tick: float) -> np.ndarray:
