@@ -204,6 +204,11 @@ class Cradle:
             By a field, "effect.key", "effect.key[i]" of bob or gap i, or "effect.key[*]" of all of them. The last
             of values that must sum to 0 is computed from the others.
 
+        Raises
+        ------
+        ValueError
+            For a name of another form, a number beyond the values there are, and values out of bounds.
+
         Examples
         --------
         >>> cradle = Cradle(bobs=3, effects={"spacer_offset": {"offset": [0.0, 0.0]}})

@@ -9,7 +9,9 @@ from dataclasses import dataclass
 
 #: The element of a name that stands for all values of a parameter at once: "effect.key[*]".
 ALL = 0
-_NAME = re.compile(r"(?:(?P<effect>[^.@\[]+)\.)?(?P<key>[^.@\[]+)(?:\[(?P<element>\d+|\*)\])?(?:@(?P<run>\d+))?")
+_NAME = re.compile(
+    r"(?:(?P<effect>[^.@\[]+)\.)?(?P<key>[^.@\[]+)(?:\[(?P<element>[1-9]\d*|\*)\])?(?:@(?P<run>[1-9]\d*))?"
+)
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from cradle_env.parameter_name import ALL, ParameterName
@@ -12,8 +12,13 @@ def with_value(known: Mapping[str, Any], name: ParameterName, value: float) -> d
     """The values of an effect with one changed: of "c2", of "offset[1]" among several, or of all, "offset[*]"."""
     if name.element is None:
         return {**known, name.key: value}
-    several = list(known[name.key])
+    several = known.get(name.key)
+    if not isinstance(several, Sequence):
+        raise ValueError(f"{name}: {name.effect}.{name.key} has no values by number here; set {name.effect}.{name.key}")
+    several = list(several)
     if name.element == ALL:
         return {**known, name.key: [value] * len(several)}
+    if name.element > len(several):
+        raise ValueError(f"{name}: {name.effect}.{name.key} has {len(several)} values; number them from 1")
     several[name.element - 1] = value
     return {**known, name.key: several}

@@ -4,6 +4,7 @@ import copy
 import dataclasses
 import math
 import pickle
+import re
 import shutil
 import subprocess
 import sys
@@ -538,3 +539,10 @@ def test_nothing_to_synchronize_with(bobs: int, beginning: Release | InitialStat
     run = simulate(Cradle(bobs=bobs), beginning, 3.0)
     assert np.isnan(run.sigma()).all() and run.sigma().shape == run.t.shape
     assert np.isnan(run.newton_exponent())
+
+
+@pytest.mark.parametrize("name", ["spacer_offset.offset[3]", "spacer_offset.offset[0]", "angle_offset.offset[1]"])
+def test_a_value_by_number_that_is_not_there_is_refused_by_name(name):
+    cradle = Cradle(bobs=3, effects={"spacer_offset": {"offset": [0.0, 0.0]}})
+    with pytest.raises(ValueError, match=re.escape(name)):
+        cradle.with_values({name: 1e-3})

@@ -35,7 +35,10 @@ def test_every_parameter_of_the_catalogue_has_such_a_name():
             assert name.key in {p.key for p in effect.parameters}
 
 
-@pytest.mark.parametrize("text", ["", ".c2", "a.b.c", "offset[", "offset[]", "offset[x]", "noise@", "noise@x", "a@1@2"])
+@pytest.mark.parametrize(
+    "text",
+    ["", ".c2", "a.b.c", "offset[", "offset[]", "offset[x]", "noise@", "noise@0", "offset[0]", "noise@x", "a@1@2"],
+)
 def test_other_forms_are_refused(text):
     with pytest.raises(ValueError, match="no name of a parameter"):
         ParameterName.parse(text)
