@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-#: Samples that count as independent, at most: about as many effective samples as a converged chain has. More would make
-#: the kernel narrower than the autocorrelation of the chain allows, and the curve ragged.
-_INDEPENDENT_SAMPLES = 400
+from identification.inference.search_options import DEFAULT
+
 #: Samples that are summed, at most: more change nothing that a picture shows.
 _SUMMED_SAMPLES = 20000
 
@@ -30,5 +29,7 @@ def kernel_density(samples: np.ndarray, grid: np.ndarray) -> np.ndarray:
     """
     from scipy.stats import gaussian_kde
 
-    bandwidth = min(len(samples), _INDEPENDENT_SAMPLES) ** -0.2  # Scott's factor in one dimension
+    # Scott's factor in one dimension, of as many independent samples as a converged chain has at least: that of all
+    # samples would make the kernel narrower than the autocorrelation of the chain allows, and the curve ragged.
+    bandwidth = min(len(samples), DEFAULT.min_ess) ** -0.2
     return gaussian_kde(samples[:: max(1, len(samples) // _SUMMED_SAMPLES)], bandwidth)(grid)
