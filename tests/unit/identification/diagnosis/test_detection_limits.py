@@ -32,7 +32,7 @@ def plain(tmp_path_factory):
     return examined(tmp_path_factory.mktemp("plain"), {})
 
 
-@pytest.mark.parametrize("name", ["pivot_friction", "quadratic_drag"])
+@pytest.mark.parametrize("name", [pytest.param("pivot_friction", marks=pytest.mark.slow), "quadratic_drag"])
 def test_what_is_as_strong_as_data_may_hide_moves_b_as_told(plain, name, tmp_path):
     """Hidden at its limit, an effect bends b by the number told, to the noise of the fit (3 sd) and to second order
     (b moves by a sixth: a third of the number at most); b is far off, and the data do not show it beyond chance."""
