@@ -14,6 +14,7 @@ from cradle_env.kernel_records import records
 from cradle_env.mechanics import layout as p
 from cradle_env.mechanics import tangents
 from cradle_env.mechanics.tangent_lanes import INPUTS, SHEET, TANGENT_ORDER
+from cradle_env.mechanics.tangent_layout import BOB_FIELDS, LAW_FIELDS, STATES
 from cradle_env.parameter_name import ALL, ParameterName
 from cradle_env.release import InitialState, Release
 
@@ -80,7 +81,7 @@ def _of_start(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Derivatives of the law of impacts (P, LAW_FIELDS), of the bobs' records (N, P, BOB_FIELDS) and of the start
     (N, P, STATES)."""
-    n, split = cradle.bobs, np.cumsum([tangents.LAW_FIELDS, cradle.bobs * tangents.BOB_FIELDS])
+    n, split = cradle.bobs, np.cumsum([LAW_FIELDS, cradle.bobs * BOB_FIELDS])
     law, fields, D = [], [], []
     here = _numbers(c, bobs, begin(c, bobs, cradle, release)[0])
     for name in names:
@@ -98,8 +99,8 @@ def _of_start(
 
         of_law, of_bobs, of_start = np.split(_slopes(numbers, here, value, _STEP * size), split)
         law.append(of_law)
-        fields.append(of_bobs.reshape(n, tangents.BOB_FIELDS))
-        D.append(of_start.reshape(n, tangents.STATES))
+        fields.append(of_bobs.reshape(n, BOB_FIELDS))
+        D.append(of_start.reshape(n, STATES))
     return np.array(law), np.stack(fields, axis=1), np.stack(D, axis=1)
 
 
