@@ -48,7 +48,9 @@ class ParameterName:
         """Parse a name; ValueError if the text has another form."""
         match = _NAME.fullmatch(text)
         if match is None:
-            raise ValueError(f"{text!r} is no name of a parameter; expected NAME, EFFECT.KEY or EFFECT.KEY[NUMBER]")
+            raise ValueError(
+                f"{text!r} is no name of a parameter; expected NAME, EFFECT.KEY or EFFECT.KEY[NUMBER], NUMBER from 1"
+            )
         effect, key, element, run = match.group("effect", "key", "element", "run")
         number = None if element is None else ALL if element == "*" else int(element)
         return ParameterName(key, effect or "", number, None if run is None else int(run))
@@ -62,6 +64,11 @@ class ParameterName:
     def is_of_cradle(self) -> bool:
         """Whether it names a field of Cradle: no parameter of an effect, and no quantity of a run."""
         return not self.effect and self.run is None
+
+    @property
+    def whole(self) -> ParameterName:
+        """The name without its bob or gap."""
+        return dataclasses.replace(self, element=None)
 
     def in_run(self, run: int | None) -> ParameterName:
         """The same name for another run, from 1, or for none."""

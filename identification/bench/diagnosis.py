@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from cradle_env.effects import CATALOGUE
+from cradle_env.parameter_name import ParameterName
 from identification.diagnosis.report import save
 from identification.diagnosis.workflow import diagnose
 from identification.experiment.experiment import Experiment
@@ -70,7 +71,9 @@ def row(content: Mapping[str, Any], answer: Mapping[str, Any]) -> dict[str, Any]
         "left": content["remainder"]["significant"],
         "right": is_right(content["verdict"], found, content["equivalent"], hidden) if possible else None,
         "errors": parameter_errors(content["parameters"], answer.get("truth", {})),
-        "intervals": {name: entry for name, entry in content["parameters"].items() if name.partition(".")[0] in hidden},
+        "intervals": {
+            name: entry for name, entry in content["parameters"].items() if ParameterName.parse(name).effect in hidden
+        },
         "unseen": [entry for entry in content["unseen"] if entry["effect"] in hidden],
     }
 

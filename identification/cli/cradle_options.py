@@ -8,10 +8,11 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from cradle_env.cradle import STANDARD_BETA, Cradle
+from cradle_env.cradle import CRADLE_NUMBERS, STANDARD_BETA, Cradle
 from cradle_env.effects import effect
 from cradle_env.errors import one_line, unknown_key
 from cradle_env.model_files import read_model
+from cradle_env.parameter_name import ParameterName
 from cradle_env.release import Release
 from identification.experiment.experiment import Experiment
 from identification.number_format import unit_plain
@@ -55,7 +56,7 @@ def parse_cradle_options(
         values["delta"] = gaps[0] if len(gaps) == 1 else gaps
     elif values.get("bobs", cradle.bobs) != cradle.bobs and isinstance(cradle.delta, tuple):
         raise ValueError(f"{source} has one delta per gap; give --delta for {values['bobs']} bobs")
-    values |= dict(_parse_setting(text) for text in settings)
+    values |= dict(parse_setting(text, _OWN_OPTION) for text in settings)
     if str(values.get("model", "")).lower().endswith(".toml"):
         values["model"], values["effects"] = read_model(Path(values["model"]))
         unstated = ()
@@ -71,12 +72,15 @@ def parse_cradle_options(
     if source is None and beta is None and "kappa" not in values:
         beta = STANDARD_BETA  # of the masses and lengths that are set here
     stated_of, cradle = cradle.bobs, cradle.replace(beta=beta, **values)
-    for name in unstated:
-        of, _, key = name.partition(".")
-        if cradle.has(of) and name not in swept and not any(text.startswith(f"{name}=") for text in effects):
-            unit = next(p.unit for p in effect(of).parameters if p.key == key)
-            told = f"{source} states no {name}; {cradle.effects[of][key]} {unit_plain(unit)}".rstrip() + " is taken"
-            print(f"cradle: {told}; --effect {name}=VALUE states another", file=sys.stderr)
+    chosen = swept | {text.partition("=")[0] for text in effects}
+    for name in map(ParameterName.parse, unstated):
+        if cradle.has(name.effect) and str(name) not in chosen:
+            unit = unit_plain(next(p.unit for p in effect(name.effect).parameters if p.key == name.key))
+            default = f"{cradle.effects[name.effect][name.key]} {unit}".rstrip()
+            print(
+                f"cradle: {source} states no {name}; {default} is taken; --effect {name}=VALUE states another",
+                file=sys.stderr,
+            )
     if lifted is not None:
         angle = release.lead(cradle)[1] if angle is None else angle
         release = Release(angle=angle, bobs=lifted, start=release.start)
@@ -97,14 +101,14 @@ def _parse_number(name: str, text: str) -> float:
 _OWN_OPTION = ("bobs", "delta", "model", "beta", "kappa", "k_f", "b", "release_angle", "lifted", "start")
 
 
-def _parse_setting(text: str) -> tuple[str, Any]:
-    """Parse "length=0.25" into ("length", 0.25)."""
+def parse_setting(text: str, own_option: Sequence[str] = ()) -> tuple[str, float]:
+    """Parse "length=0.25" into ("length", 0.25); own_option: fields that the command sets by an option of their own."""
     name, equals, value = text.partition("=")
     if not equals:
         raise ValueError(f"--set {text}: expected NAME=VALUE, as length=0.25")
-    if name in _OWN_OPTION:
+    if name in own_option:
         raise ValueError(f"--set {text}: {name} has an option of its own; give --{name.replace('_', '-')} {value}")
-    known = [f.name for f in dataclasses.fields(Cradle) if f.name not in (*_OWN_OPTION, "effects", "power_law")]
+    known = [field for field in CRADLE_NUMBERS if field not in own_option]
     if name not in known:
         raise ValueError(f"--set {text}: {unknown_key('name', name, known)}")
     return name, _parse_number(f"--set {name}", value)
@@ -115,11 +119,11 @@ def _with_effects(known: Mapping[str, Mapping[str, Any]], texts: Sequence[str]) 
     effects = {name: dict(values) for name, values in known.items()}
     for text in texts:
         address, equals, value = text.partition("=")
-        name, dot, key = address.partition(".")
-        if bool(equals) != bool(dot):
+        name = ParameterName.parse(address)
+        if bool(equals) != bool(name.effect) or (name.element, name.run) != (None, None):
             raise ValueError(f"--effect {text}: expected NAME.KEY=VALUE, as quadratic_drag.c2=0.002, or -NAME")
-        entry = effects.setdefault(name, {})
+        entry = effects.setdefault(name.effect or name.key, {})
         if equals:
             numbers = tuple(_parse_number(f"--effect {address}", part) for part in value.split(","))
-            entry[key] = numbers[0] if len(numbers) == 1 else numbers
+            entry[name.key] = numbers[0] if len(numbers) == 1 else numbers
     return effects

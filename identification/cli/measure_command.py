@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -237,22 +237,11 @@ def _run(kind: str, out: Path, work: Callable[[Progress], Measurement], *tables:
 
 def _cradle(source: Path | None, settings: list[str] | None) -> Cradle | None:
     """Build the cradle that a command line states; None if it states none."""
-    from cradle_env.cradle import CRADLE_NUMBERS, Cradle
-    from cradle_env.errors import unknown_key
+    from cradle_env.cradle import Cradle
+    from identification.cli.cradle_options import parse_setting
     from identification.experiment.experiment import Experiment
 
     if source is None and not settings:
         return None
     cradle = Cradle() if source is None else Experiment.load(source).cradle
-    values: dict[str, Any] = {}
-    for text in settings or ():
-        name, equals, value = text.partition("=")
-        if not equals:
-            raise ValueError(f"--set {text}: expected NAME=VALUE, as mass=0.2813")
-        if name not in CRADLE_NUMBERS:
-            raise ValueError(f"--set {text}: {unknown_key('name', name, CRADLE_NUMBERS)}")
-        try:
-            values[name] = float(value)
-        except ValueError:
-            raise ValueError(f"--set {text}: {value!r} is not a number") from None
-    return cradle.replace(**values)
+    return cradle.replace(**dict(parse_setting(text) for text in settings or ()))

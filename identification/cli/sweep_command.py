@@ -13,6 +13,7 @@ import numpy as np
 
 from cradle_env import __version__
 from cradle_env.cradle import Cradle
+from cradle_env.parameter_name import ParameterName
 from cradle_env.plot_style import png
 from cradle_env.release import Release
 from identification.inference.unknowns import matters
@@ -151,7 +152,8 @@ def _ignored_axes(grid: Grid) -> list[str]:
     """Names of swept parameters that have no effect on this cradle."""
     if "bobs" in grid.names:
         return []
-    return [name for name in grid.names if not matters(grid.cradle, _SETS.get(name, name.partition("[")[0]))]
+    wholes = {name: str(ParameterName.parse(name).whole) for name in grid.names}
+    return [name for name, whole in wholes.items() if not matters(grid.cradle, _SETS.get(whole, whole))]
 
 
 def _format_point(at: dict[str, float]) -> str:

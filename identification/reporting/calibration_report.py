@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from cradle_env.effects import CATALOGUE
+from cradle_env.parameter_name import ParameterName
 from identification.inference.posterior import Posterior
 from identification.number_format import (
     format_number,
@@ -101,14 +102,14 @@ def _row(posterior: Posterior, name: str, found: Mapping[str, Any]) -> dict[str,
     }
 
 
-def _meaning(name: str) -> str:
+def _meaning(text: str) -> str:
     """What an unknown is, in a few words."""
-    effect, _, key = name.partition(".")
+    name = ParameterName.parse(text)
     for declared in CATALOGUE:
         for parameter in declared.parameters:
-            if (declared.name, parameter.key) == (effect, key):
+            if (declared.name, parameter.key) == (name.effect, name.key):
                 return parameter.meaning
-    return _MEANINGS.get(name, "")
+    return _MEANINGS.get(text, "")
 
 
 def _rms_rows(posterior: Posterior) -> list[tuple[str, str, str, str]]:

@@ -8,6 +8,7 @@ import matplotlib.figure
 import numpy as np
 
 from cradle_env.cradle import Cradle
+from cradle_env.parameter_name import ParameterName
 from cradle_env.plot_style import quiet_grid
 from cradle_env.simulation import simulate
 from identification.experiment.experiment import Experiment
@@ -61,7 +62,7 @@ def _data(study: Study) -> Tables:
     drawn = {
         u.name: np.asarray(u.value(points[:, k]))
         for k, u in enumerate(posterior.unknowns)
-        if not u.nuisance and "[" not in u.name
+        if not u.nuisance and ParameterName.parse(u.name).element is None
     }
     tables: dict[str, dict[str, np.ndarray]] = {"draws": dict(drawn)}
     for parameter in PARAMETERS:

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cradle_env.cradle import Cradle
+from cradle_env.parameter_name import ParameterName
 from cradle_env.plot_style import BLUE, RED
 from cradle_env.synchronization import ENVELOPE_PERIODS, FLOOR
 from cradle_env.trajectory import Trajectory
@@ -126,7 +127,7 @@ def _axis(grid: Grid, k: int) -> dict[str, Any]:
     """An axis for the page: symbol and unit as HTML, name as plain text, formatted values, index of the first value."""
     axis = grid.axes[k]
     unit, symbol = axis.unit_and_symbol
-    here = _stated_value(grid, axis.name)
+    here = _stated_value(grid, ParameterName.parse(axis.name)) if axis.name in axis.columns else None
     return {
         "symbol": markup(symbol),
         "unit": unit_markup(unit),
@@ -136,12 +137,16 @@ def _axis(grid: Grid, k: int) -> dict[str, Any]:
     }
 
 
-def _stated_value(grid: Grid, name: str) -> float | None:
+def _stated_value(grid: Grid, name: ParameterName) -> float | None:
     """Value of a parameter in the cradle and the release of the grid; None if it is not a single number."""
     cradle, release = grid.cradle, grid.release
-    of, _, key = name.partition(".")
     stated = {"release_angle": release.lead(cradle)[1], "gamma": release.gamma(cradle), "lifted": release.bobs}
-    value = stated.get(name, cradle.effects.get(of, {}).get(key, getattr(cradle, name, None)))
+    if name.element is not None:
+        return None
+    if name.effect:
+        value = cradle.effects.get(name.effect, {}).get(name.key)
+    else:
+        value = stated.get(name.key, getattr(cradle, name.key, None))
     return float(value) if isinstance(value, float | int) else None
 
 

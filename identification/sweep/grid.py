@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -13,6 +12,7 @@ import numpy as np
 from cradle_env.cradle import FIELDS, Cradle
 from cradle_env.effects import effect
 from cradle_env.errors import one_line, unknown_key
+from cradle_env.parameter_name import ALL, ParameterName
 from cradle_env.release import Release
 
 #: Unit and symbol of the parameters that can be swept besides the numbers of Cradle and "effect.key".
@@ -29,8 +29,6 @@ _OTHERS = {
 EXCLUSIVE = (("beta", "kappa"), ("alpha", "k_f"), ("n", "k_f"), ("gamma", "release_angle"))
 #: Largest number of points of a grid.
 _MOST = 10**9
-#: "name", or "name[i]" for bob or gap i.
-_ELEMENT = re.compile(r"(?P<whole>[^\[]+)(\[(?P<index>\d+)\])?")
 
 
 @dataclass(frozen=True)
@@ -161,22 +159,22 @@ def _check_values(name: str, values: Any) -> np.ndarray:
     return column
 
 
-def unit_and_symbol(name: str) -> tuple[str, str]:
+def unit_and_symbol(text: str) -> tuple[str, str]:
     """Unit and symbol of a parameter. Raises ValueError, with the nearest name, if it cannot be swept."""
-    match = _ELEMENT.fullmatch(name)
-    whole, index = (match["whole"], match["index"]) if match else (name, None)
-    of, dot, key = whole.partition(".")
-    parameter = next((p for p in effect(of).parameters if p.key == key), None) if dot else None
-    if dot and parameter is None:
-        raise ValueError(unknown_key(f"parameter of {of}", key, (p.key for p in effect(of).parameters)))
-    if not dot and whole not in FIELDS and whole not in _OTHERS:
-        raise ValueError(unknown_key("axis", name, (*FIELDS, *_OTHERS)) + '; or "effect.key"')
-    if index is None:
-        return (parameter.unit, parameter.symbol) if parameter else (FIELDS | _OTHERS)[whole]
-    if whole != "delta" and not (parameter and parameter.each):
-        raise ValueError(f"{name}: {whole} is one number; leave [{index}] out")
-    unit, symbol = unit_and_symbol(whole)
-    return unit, f"{symbol}[{index}]"
+    name = ParameterName.parse(text)
+    declared = effect(name.effect).parameters if name.effect else ()
+    parameter = next((p for p in declared if p.key == name.key), None)
+    if name.effect and parameter is None:
+        raise ValueError(unknown_key(f"parameter of {name.effect}", name.key, (p.key for p in declared)))
+    of_cradle = FIELDS | _OTHERS
+    if name.run is not None or name.element == ALL or not (parameter or name.key in of_cradle):
+        raise ValueError(unknown_key("axis", text, of_cradle) + '; or "effect.key"')
+    unit, symbol = (parameter.unit, parameter.symbol) if parameter else of_cradle[name.key]
+    if name.element is None:
+        return unit, symbol
+    if not (parameter.each if parameter else name.key == "delta"):
+        raise ValueError(f"{text}: {name.whole} is one number; leave [{name.element}] out")
+    return unit, f"{symbol}[{name.element}]"
 
 
 def build_run(cradle: Cradle, release: Release, values: Mapping[str, float]) -> tuple[Cradle, Release]:
@@ -184,18 +182,16 @@ def build_run(cradle: Cradle, release: Release, values: Mapping[str, float]) -> 
     fields: dict[str, Any] = {}
     effects = {name: dict(keys) for name, keys in cradle.effects.items()}
     bobs = int(values.get("bobs", cradle.bobs))
-    for name, value in sorted(
-        values.items(), key=lambda item: "[" in item[0]
-    ):  # values for all bobs before those for one
-        whole, _, element = name.partition("[")
-        of, dot, key = whole.partition(".")
-        if dot:
+    named = [(ParameterName.parse(text), value) for text, value in values.items()]
+    for name, value in sorted(named, key=lambda item: item[0].element is not None):  # all bobs before single ones
+        of, key = name.effect, name.key
+        if of:
             here, several = effects.setdefault(of, {}), effects[of].get(key, effect(of).absent_values()[key])
-            here[key] = _with_element(several, element, value, _count(of, key, bobs), name)
-        elif whole == "delta":
-            fields["delta"] = _with_element(fields.get("delta", cradle.delta), element, value, bobs - 1, name)
-        elif name not in _OTHERS or name == "bobs":
-            fields[name] = value
+            here[key] = _with_element(several, name, value, _count(of, key, bobs))
+        elif key == "delta":
+            fields["delta"] = _with_element(fields.get("delta", cradle.delta), name, value, bobs - 1)
+        elif key not in _OTHERS or key == "bobs":
+            fields[key] = value
     if "alpha" in values or "n" in values:
         fields["power_law"] = (values.get("alpha", cradle.alpha), values.get("n", cradle.n))
     made = cradle.replace(beta=values.get("beta"), effects=effects, **fields)
@@ -217,15 +213,14 @@ def _count(of: str, key: str, bobs: int) -> int:
     return next(p for p in effect(of).parameters if p.key == key).count(bobs)
 
 
-def _with_element(several: Any, element: str, value: float, count: int, name: str) -> Any:
+def _with_element(several: Any, name: ParameterName, value: float, count: int) -> Any:
     """Return the value, or for one bob or gap the values of all with this one changed."""
-    if not element:
+    if name.element is None:
         return value
-    index = int(element.rstrip("]"))
-    if not 1 <= index <= count:
+    if name.element > count:
         raise ValueError(f"{name} does not exist; this cradle has {count} of them")
     changed = list(several) if isinstance(several, Sequence) else [several] * count
-    changed[index - 1] = value
+    changed[name.element - 1] = value
     return tuple(changed)
 
 

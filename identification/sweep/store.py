@@ -14,6 +14,7 @@ import numpy as np
 
 from cradle_env import __version__
 from cradle_env.effects import effect
+from cradle_env.parameter_name import ParameterName
 from identification.storage.files import json_text, write_together
 from identification.storage.provenance import fingerprint, program_hash
 from identification.storage.schema import read_json
@@ -48,7 +49,7 @@ class Plan:
         """SHA-256 of everything on which the results depend."""
         measures = [(q.name, fingerprint(q.measure)) for q in self.quantities]
         grid = self.grid
-        swept = [effect(name.partition(".")[0]) for name in grid.names if "." in name]
+        swept = [effect(name.effect) for name in map(ParameterName.parse, grid.names) if name.effect]
         by = program_hash([*grid.cradle.composition, *swept])
         told = [FORMAT, by, grid.cradle, grid.release, measures, self.duration, self.sample_rate]
         sums = hashlib.sha256(repr(told).encode())

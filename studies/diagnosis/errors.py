@@ -17,6 +17,7 @@ from pathlib import Path
 
 import numpy as np
 
+from cradle_env.parameter_name import ParameterName
 from studies.diagnosis.rows import Row, is_confounded, kind
 from studies.diagnosis.study import Apparatus, Case, cases, fit_at_truth, is_held_out, refit_right_model
 from studies.kept_rows import read_rows
@@ -57,7 +58,7 @@ def film_again(case: Case, strengths: list[float]) -> list[Row]:
         known = {name: {"median": one.median, "ci95": one.ci95} for name, one in compute_intervals(fitted).items()}
         found.append({
             "case": case.name, "again": k, "bobs": apparatus.bobs, "errors": parameter_errors(known, apparatus.truth),
-            "intervals": {name: one for name, one in known.items() if name.partition(".")[0] in hidden},
+            "intervals": {name: one for name, one in known.items() if ParameterName.parse(name).effect in hidden},
             "made by": apparatus.effects(strengths),
         })  # fmt: skip
     return found

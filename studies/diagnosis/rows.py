@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from cradle_env.parameter_name import ALL, ParameterName
 from studies.diagnosis.study import SAME, SYMMETRIC
 
 KINDS = ("nothing hidden", "one effect", "two effects", "in no catalogue")
@@ -46,13 +47,12 @@ def values_covered(row: Row) -> list[bool]:
     """Of every value of the effects hidden, whether its interval holds it; where the row has both."""
     found = []
     for address, interval in row.get("intervals", {}).items():
-        effect, _, key = address.partition(".")
-        key, _, element = key.rstrip("]").partition("[")
-        values = np.atleast_1d(row["made by"][effect][key])
-        if element != "*":  # all alike, of values that are not
+        name = ParameterName.parse(address)
+        values = np.atleast_1d(row["made by"][name.effect][name.key])
+        if name.element != ALL:  # all alike, of values that are not
             low, high = interval["ci95"]
             rounding = 1e-6 * (high - low)  # what is hidden at a bound is within an interval that ends there
-            found.append(bool(low - rounding <= values[int(element or 1) - 1] <= high + rounding))
+            found.append(bool(low - rounding <= values[(name.element or 1) - 1] <= high + rounding))
     return found
 
 
