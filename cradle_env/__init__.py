@@ -5,11 +5,10 @@ run = simulate(Cradle(bobs=5), Release(angle=0.228), duration=60.0)
 run.sigma(), run.newton_exponent(), run.energy(), run.impacts
 """
 
-import importlib
-
 from cradle_env.envs.registration import register_all as _register_all
+from cradle_env.lazy_names import lazy_names as _lazy_names
 
-# Public names by the module that holds them: loaded when first asked for, so that the import stays light.
+# Public names by the module that holds them.
 _PUBLIC = {
     "CATALOGUE": "effects",
     "MODELS": "effects",
@@ -31,22 +30,6 @@ _PUBLIC = {
 }
 
 __all__ = [*_PUBLIC]
-
+__getattr__, __dir__ = _lazy_names(__name__, _PUBLIC)
 
 _register_all()
-
-
-def __getattr__(name: str):
-    if name == "__version__":
-        from importlib.metadata import version
-
-        return version("newtons-cradle")
-    if name not in _PUBLIC:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    value = getattr(importlib.import_module(f"{__name__}.{_PUBLIC[name]}"), name)
-    globals()[name] = value
-    return value
-
-
-def __dir__() -> list[str]:
-    return sorted([*globals(), *_PUBLIC])

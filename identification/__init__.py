@@ -6,9 +6,9 @@ diagnosis = diagnose(Experiment.load("experiment.toml"))
 posterior.summary(), posterior.newton_exponent(), posterior.predict(delta=1e-3)
 """
 
-import importlib
+from cradle_env.lazy_names import lazy_names as _lazy_names
 
-# Public names by the module that holds them: loaded when first asked for, so that the import stays light.
+# Public names by the module that holds them.
 _PUBLIC = {
     "Experiment": "experiment.experiment",
     "Posterior": "inference.posterior",
@@ -17,19 +17,4 @@ _PUBLIC = {
 }
 
 __all__ = [*_PUBLIC]
-
-
-def __getattr__(name: str):
-    if name == "__version__":
-        from importlib.metadata import version
-
-        return version("newtons-cradle")
-    if name not in _PUBLIC:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    value = getattr(importlib.import_module(f"{__name__}.{_PUBLIC[name]}"), name)
-    globals()[name] = value
-    return value
-
-
-def __dir__() -> list[str]:
-    return sorted([*globals(), *_PUBLIC])
+__getattr__, __dir__ = _lazy_names(__name__, _PUBLIC)

@@ -5,9 +5,9 @@ measured = measure_ringdown(["one.csv", "two.csv"], cradle, bobs=(1, 2))
 measured.values, measured.figure(), measured.content()
 """
 
-import importlib
+from cradle_env.lazy_names import lazy_names as _lazy_names
 
-# Public names by the module that holds them: loaded when first asked for, so that the import stays light.
+# Public names by the module that holds them.
 _PUBLIC = {
     "Measurement": "measurement",
     "Value": "measurement",
@@ -20,15 +20,4 @@ _PUBLIC = {
 }
 
 __all__ = [*_PUBLIC]
-
-
-def __getattr__(name: str):
-    if name not in _PUBLIC:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    value = getattr(importlib.import_module(f"{__name__}.{_PUBLIC[name]}"), name)
-    globals()[name] = value
-    return value
-
-
-def __dir__() -> list[str]:
-    return sorted([*globals(), *_PUBLIC])
+__getattr__, __dir__ = _lazy_names(__name__, _PUBLIC)
