@@ -1,1 +1,1 @@
-"""Files: written whole or not at all, locked, and checked against a schema where they are read."""
+"""Files: write them whole or not at all, lock their folder, and check them against a schema when reading."""

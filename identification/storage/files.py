@@ -1,4 +1,4 @@
-"""Files in and out: every refusal is one line, and nothing is ever half-written."""
+"""Read and write files. An error is one line; a file is written whole or not at all."""
 
 from __future__ import annotations
 
@@ -12,19 +12,23 @@ from typing import Any
 
 import numpy as np
 
-#: Bytes of a file that is read as text at most: an hour of five bobs at 960 frames a second.
+#: Largest file to read [bytes]: about an hour of five bobs at 960 frames per second.
 _LARGEST = 2**28
 
 
 class ExperimentError(ValueError):
-    """Unusable input; the message is one line that names file, row, column and remedy."""
+    """Unusable input. The message is one line with file, row, column and remedy."""
 
     def __init__(self, message: str):
         super().__init__(" ".join(message.split()))
 
 
 def read_text(path: Path) -> tuple[str, bytes]:
-    """The text of a UTF-8 file, lines ended by \\n, without byte order mark; and its bytes as they are."""
+    """Read a UTF-8 file.
+
+    Returns its text, without byte order mark and with lines ended by \\n, and its bytes. Raises ExperimentError if it
+    cannot be read.
+    """
     data = read_bytes(path)
     try:
         text = data.decode("utf-8-sig")
@@ -35,7 +39,7 @@ def read_text(path: Path) -> tuple[str, bytes]:
 
 
 def read_bytes(path: Path) -> bytes:
-    """A file as it is, if it is no larger than what is read as text."""
+    """Read the bytes of a file. Raises ExperimentError if it is missing, unreadable or larger than 256 MB."""
     try:
         with path.open("rb") as file:
             data = file.read(_LARGEST + 1)
@@ -52,8 +56,11 @@ def read_bytes(path: Path) -> bytes:
 
 
 def resolve_beside(folder: Path, name: str) -> Path:
-    """The file that a file in this folder names, in the folder itself or below it; ValueError for any other place, for
-    a link that leads out of it, for a device, and where there is none."""
+    """Return the path of a file that a file in `folder` refers to.
+
+    Raises ValueError if it is not in the folder or below, also through a link; if it does not exist; or if it is not a
+    regular file.
+    """
     parts = PureWindowsPath(name)  # which knows both separators, and drives
     if not name.isprintable() or parts.drive or parts.root or ".." in parts.parts or name.startswith("~"):
         raise ValueError(f"{name!r} is not in the folder of the file that names it, or below; copy it there")
@@ -75,11 +82,11 @@ def resolve_beside(folder: Path, name: str) -> Path:
 
 @contextmanager
 def atomic_replacement(path: Path) -> Iterator[Path]:
-    """A temporary path beside `path`, which takes its place when all went well."""
+    """Yield a temporary path beside `path`, and rename it to `path` if no error occurs."""
     temporary = path.with_name(f".{path.name}.{os.getpid()}.part")
     try:
         yield temporary
-        with temporary.open("rb+") as file:  # a renamed file whose content is lost would be worse than none
+        with temporary.open("rb+") as file:  # else a crash could leave the new name without content
             os.fsync(file.fileno())
         os.replace(temporary, path)
     finally:
@@ -87,7 +94,7 @@ def atomic_replacement(path: Path) -> Iterator[Path]:
 
 
 def write_file(path: Path, content: str | bytes) -> Path:
-    """Writes a file, whole or not at all; makes its folder."""
+    """Write a file, whole or not at all. Its folder is created if missing."""
     path.parent.mkdir(parents=True, exist_ok=True)
     with atomic_replacement(path) as temporary:
         temporary.write_bytes(content.encode() if isinstance(content, str) else content)
@@ -95,13 +102,23 @@ def write_file(path: Path, content: str | bytes) -> Path:
 
 
 def write_json(path: Path, content: Mapping[str, Any]) -> Path:
-    """Writes JSON; what is not finite becomes null."""
+    """Write a JSON file; nan and infinity become null."""
     return write_file(path, json_text(content))
 
 
 def write_together(directory: Path, files: Mapping[str, str | bytes | Path]) -> None:
-    """Writes files, by name, into a directory: all to temporary names first, then renamed in the order given, which
-    Ctrl-C does not stop half-way. A Path is a file to be moved there."""
+    """Write several files into a directory, so that no interruption leaves some of them old and others new.
+
+    Each file is first written to a temporary name; then all are renamed in the given order, which Ctrl-C does not
+    interrupt.
+
+    Parameters
+    ----------
+    directory : Path
+        Created if missing.
+    files : mapping of str to str, bytes or Path
+        Content of each file, by name; a Path is a file to move there.
+    """
     directory.mkdir(parents=True, exist_ok=True)
     temporary = {name: directory / f".{name}.{os.getpid()}" for name in files}
 
@@ -127,12 +144,12 @@ def write_together(directory: Path, files: Mapping[str, str | bytes | Path]) -> 
 
 
 def json_text(content: Mapping[str, Any]) -> str:
-    """JSON to read; what is not finite becomes null."""
+    """Format JSON, indented; nan and infinity become null."""
     return json.dumps(_finite(content), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
 
 
 def _finite(value: Any) -> Any:
-    """The value in the types of JSON, which knows neither nan nor infinity."""
+    """Convert a value to the types of JSON; nan and infinity become None."""
     if isinstance(value, Mapping):
         return {str(key): _finite(entry) for key, entry in value.items()}
     if isinstance(value, list | tuple | np.ndarray):

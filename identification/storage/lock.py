@@ -1,4 +1,4 @@
-"""One process works in a folder: it holds a lock there, and the system frees the lock of a process that has died."""
+"""Locks of folders, so that only one process writes results into a folder at a time."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from filelock import FileLock, Timeout
 
 from identification.storage.files import ExperimentError
 
-#: Names the process that works in a folder.
+#: The file that is locked; it holds the name of the process that works in the folder.
 _LOCK = ".cradle.lock"
 _P = ParamSpec("_P")
 _R = TypeVar("_R")
@@ -24,9 +24,12 @@ _R = TypeVar("_R")
 
 @contextmanager
 def lock_folder(folder: Path) -> Iterator[None]:
-    """Holds a folder, made where there is none, for this thread; ExperimentError where another process works there.
+    """Hold the lock of a folder; create the folder if it is missing.
 
-    The system frees the lock of a process that has died. A folder that was made and stays empty is removed.
+    The operating system frees the lock of a process that has died. A folder that was created here and is empty at the
+    end is removed.
+
+    Raises ExperimentError if another process holds the lock.
     """
     check_folder(folder)
     made = [place for place in (folder, *folder.parents) if not place.exists()]
@@ -39,16 +42,16 @@ def lock_folder(folder: Path) -> Iterator[None]:
         raise ExperimentError(f"{folder}: {_owner(file)} works there; wait for it, or choose another --out") from None
     except OSError as problem:
         if file.is_symlink():
-            raise ExperimentError(f"{file}: is a link, and no lock of this program; remove it") from None
+            raise ExperimentError(f"{file}: is a link and not a lock file of this program; remove it") from None
         raise problem
     try:
         if lock.lock_counter == 1:
-            with suppress(OSError):  # on a full disk nobody can be named
+            with suppress(OSError):  # a full disk; the lock works without the name
                 file.write_text(f"{os.getpid()} on {socket.gethostname()}\n", encoding="utf-8")
         yield
     finally:
         if lock.lock_counter == 1:
-            with suppress(OSError):  # where a file that is open cannot be removed, it stays, and locks nothing
+            with suppress(OSError):  # Windows cannot remove an open file; it stays, unlocked
                 file.unlink()
         lock.release()
         if made and not lock.is_locked and not any(folder.iterdir()):
@@ -57,7 +60,7 @@ def lock_folder(folder: Path) -> Iterator[None]:
 
 
 def locks_output(work: Callable[_P, _R]) -> Callable[_P, _R]:
-    """Work that holds the folder that it is given as `out`, where it is given one, as long as it takes."""
+    """Decorate a function so that it holds the lock of its argument `out`, a folder, unless that is None."""
     signature = inspect.signature(work)
 
     @functools.wraps(work)
@@ -78,6 +81,6 @@ def _owner(lock: Path) -> str:
 
 
 def check_folder(folder: Path) -> None:
-    """ExperimentError where a folder for results is something else."""
+    """Raise ExperimentError if a path for a folder of results is a file."""
     if folder.exists() and not folder.is_dir():
         raise ExperimentError(f"{folder}: is a file; name a folder for the results")

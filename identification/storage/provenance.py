@@ -1,5 +1,8 @@
-"""What decides results beside their inputs, the program and any function, told alike in every process, and otherwise
-once it is edited."""
+"""Fingerprints of the program and of functions.
+
+A fingerprint is the same in every process, and changes when the code is edited. Results store it, so that a command
+does not resume or reuse results of other code.
+"""
 
 from __future__ import annotations
 
@@ -17,14 +20,14 @@ import cradle_env
 import identification
 from cradle_env.effects import CATALOGUE, LEARNED, Effect
 
-#: What of code decides what it does: neither its lines nor the names of its variables.
+#: Attributes of a code object that determine what it does; line numbers and names of variables do not.
 _CODE = ("co_code", "co_names", "co_freevars", "co_exceptiontable")
-#: Values that tell all of themselves.
+#: Types whose value determines what the code that uses them does.
 _DATA = (bool, int, float, complex, str, bytes, tuple, list, dict, set, frozenset, np.ndarray, np.generic, type(None))
 
 
 def program_hash(effects: Iterable[Effect]) -> str:
-    """The program that makes a result, as a hash: its sources, and those of the effects that are from outside it."""
+    """Hash the sources of both packages, and the declarations of those effects that a user has registered."""
     outside = [vars(effect) for effect in effects if effect not in (*CATALOGUE, *LEARNED)]
     return hashlib.sha256((_sources() + fingerprint(outside)).encode()).hexdigest()[:16]
 
@@ -39,9 +42,13 @@ def _sources() -> str:
 
 
 def fingerprint(value: Any, seen: set[int] | None = None) -> str:
-    """Of a callable: its code, its defaults, what it closes over, and what it names of its own module; of what other
-    modules give it the name alone. Of any other value: what it shows of itself; where that is only an address, it is
-    like nothing in another process. seen: ids of functions that are told already.
+    """Describe a value by a text that changes when the value, or the code that it runs, changes.
+
+    A callable is described by its code, its defaults, the variables that it closes over, and the names of its own
+    module that it uses. A name from another module counts as a name only. Any other value is described by its repr;
+    a repr that is an address differs in every process, so such a value never matches.
+
+    seen: ids of the functions that are described already.
     """
     seen = set() if seen is None else seen
     describe = functools.partial(fingerprint, seen=seen)
@@ -71,7 +78,7 @@ def fingerprint(value: Any, seen: set[int] | None = None) -> str:
         parts = [item for pair in value.items() for item in pair]
     elif isinstance(value, np.ndarray):
         parts = [value.dtype.str, value.shape, value.tolist()]
-    elif hasattr(value, "__wrapped__"):  # as lru_cache and numba make
+    elif hasattr(value, "__wrapped__"):  # of functools.lru_cache and numba
         parts = [value.__wrapped__]
     elif hasattr(value, "__dict__") and isinstance(getattr_static(type(value), "__call__", None), FunctionType):
         members = [item for kind in type(value).__mro__ for item in vars(kind).items()]
@@ -82,23 +89,23 @@ def fingerprint(value: Any, seen: set[int] | None = None) -> str:
 
 
 def _module_names(function: FunctionType) -> dict[str, Any]:
-    """What a function, and those within it, may name of its own module."""
+    """Objects of its own module that a function, and functions nested in it, refer to."""
     found = {name: function.__globals__[name] for name in _names(function.__code__) if name in function.__globals__}
     own = function.__module__
-    told = {name: of for name, of in found.items() if isinstance(of, _DATA) or getattr(of, "__module__", "") == own}
-    return {name: _members(of) if isinstance(of, type) else of for name, of in told.items()}
+    local = {name: of for name, of in found.items() if isinstance(of, _DATA) or getattr(of, "__module__", "") == own}
+    return {name: _members(of) if isinstance(of, type) else of for name, of in local.items()}
 
 
 def _members(kind: type) -> dict[str, Any]:
-    """What the methods and properties of a class do, with those that it inherits within its module."""
+    """Functions of the methods and properties of a class, with those inherited from classes of the same module."""
     classes = [one for one in kind.__mro__ if one.__module__ == kind.__module__]
     found = [item for one in reversed(classes) for item in vars(one).items()]
-    told: dict[str, Any] = {}
+    members: dict[str, Any] = {}
     for name, of in found:
         several = (of.fget, of.fset) if isinstance(of, property) else (getattr(of, "__func__", of),)
         if functions := [one for one in several if isinstance(one, FunctionType)]:
-            told[name] = functions
-    return told
+            members[name] = functions
+    return members
 
 
 def _names(code: CodeType) -> Iterator[str]:

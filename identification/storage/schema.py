@@ -1,4 +1,4 @@
-"""What the files that the program reads again must hold: one JSON Schema each, checked where they are read."""
+"""JSON Schemas of the files that the program reads back, and checks against them."""
 
 from __future__ import annotations
 
@@ -11,12 +11,15 @@ from typing import Any
 from cradle_env.errors import one_line
 from identification.storage.files import ExperimentError, read_text
 
-#: Remedy for a file of ours that is not as we wrote it.
+#: Remedy for a file that this program wrote and something else changed.
 _REMEDY = "it is not as this program wrote it"
 
 
 def check_schema(content: Any, name: str, where: str | Path, remedy: str = _REMEDY) -> None:
-    """ExperimentError, naming `where` and the field, unless `content` is as the schema of that name wants it."""
+    """Check content against the schema `name`.
+
+    Raises ExperimentError if it does not match; the message begins with `where` and names the field.
+    """
     from jsonschema.exceptions import best_match
 
     problem = best_match(_validator(name).iter_errors(content))
@@ -27,7 +30,10 @@ def check_schema(content: Any, name: str, where: str | Path, remedy: str = _REME
 
 
 def read_json(path: Path, name: str, remedy: str = _REMEDY) -> Any:
-    """The content of a JSON file; ExperimentError, naming file and field, if it is not as its schema wants it."""
+    """Read a JSON file and check it against the schema `name`.
+
+    Raises ExperimentError, with file and field, if it is not valid JSON or does not match.
+    """
     text, _ = read_text(path)
     try:
         content = json.loads(text)
@@ -39,7 +45,7 @@ def read_json(path: Path, name: str, remedy: str = _REMEDY) -> Any:
 
 
 def parse_json(text: str, name: str, where: str, remedy: str = _REMEDY) -> Any:
-    """Likewise of JSON that stands within a file."""
+    """Parse JSON that is part of a file, and check it as `read_json` does."""
     try:
         content = json.loads(text)
     except (ValueError, RecursionError):
@@ -49,7 +55,7 @@ def parse_json(text: str, name: str, where: str, remedy: str = _REMEDY) -> Any:
 
 
 def _describe(field: str, problem: Any) -> str:
-    """What is wrong with a field, in words."""
+    """Say in words what is wrong with a field."""
     at, rule, wanted = field or "the content", problem.validator, problem.validator_value
     if rule == "required":
         missing = next(key for key in wanted if key not in problem.instance)

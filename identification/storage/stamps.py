@@ -1,4 +1,4 @@
-"""Results in a folder: a JSON file, the stamp, lists the files that a command has written."""
+"""Stamps: the JSON file of a command's results also lists the files that the command has written, by SHA-256."""
 
 from __future__ import annotations
 
@@ -13,14 +13,32 @@ from identification.storage.files import ExperimentError, json_text, write_json,
 from identification.storage.lock import check_folder, lock_folder
 from identification.storage.schema import read_json
 
-#: Ends the name of the file that lists what is about to be written.
+#: Suffix of the file that lists the files about to be written.
 _PENDING = ".pending"
 
 
 def check_replaceable(folder: Path, names: Iterable[str], stamp: str, formats: str) -> None:
-    """ExperimentError where a folder holds a file of these names that is not ours to replace: the JSON file that our
-    command writes beside it, its stamp, is not there, not of this format, or lists the file otherwise or not at all;
-    or where the folder is a file. Files that were about to be written when their process was killed are ours."""
+    """Check that a command may replace the files of these names in a folder.
+
+    It may replace a file that the stamp of the same format lists with the file's present SHA-256, the stamp itself,
+    and files that a killed process was about to write.
+
+    Parameters
+    ----------
+    folder : Path
+        Folder of the results; it may be missing.
+    names : iterable of str
+        Names of the files that the command is going to write.
+    stamp : str
+        Name of the stamp.
+    formats : str
+        `format` of the stamp.
+
+    Raises
+    ------
+    ExperimentError
+        If there is another file of one of these names, or if the folder is a file.
+    """
     check_folder(folder)
     content, pending = read_stamp(folder / stamp, formats), read_stamp(_pending(folder, stamp), formats)
 
@@ -39,8 +57,11 @@ def check_replaceable(folder: Path, names: Iterable[str], stamp: str, formats: s
 def write_results(
     folder: Path, files: Mapping[str, str | bytes | Path], stamp: str, content: Mapping[str, Any]
 ) -> dict[str, Any]:
-    """Writes files by name and, last, the stamp, which lists them and what it has listed before as `files`, by their
-    SHA-256; returns its content. A Path is a file to be moved there."""
+    """Write files by name and, last, the stamp.
+
+    The stamp's `files` lists these files and those that it listed before, by SHA-256. A Path is a file to move there.
+    Returns the content of the stamp.
+    """
     with lock_folder(folder):
         earlier = (read_stamp(folder / stamp, content["format"]) or {}).get("files", {})
         content = {**content, "files": {**earlier, **{name: sha256_of(data) for name, data in files.items()}}}
@@ -52,7 +73,7 @@ def write_results(
 
 
 def remove_leftovers(folder: Path, names: Iterable[str]) -> None:
-    """Removes what processes that were killed have left of files of these names; the folder must be held."""
+    """Remove temporary files that killed processes left for these names. The caller must hold the folder's lock."""
     for name in names:
         for left in folder.glob(f".{glob.escape(name)}.*"):
             if re.fullmatch(r"\d+(\.part)?", left.name.removeprefix(f".{name}.")):
@@ -64,12 +85,12 @@ def _pending(folder: Path, stamp: str) -> Path:
 
 
 def _lists(content: Mapping[str, Any], file: Path) -> bool:
-    """Whether a stamp lists a file as it is."""
+    """Whether a stamp lists a file with its present content."""
     return content.get("files", {}).get(file.name) == sha256_of(file)
 
 
 def read_stamp(path: Path, formats: str, schema: str = "stamp") -> dict[str, Any] | None:
-    """The content of a JSON file of results of this format; None where there is no such file, or it is none of ours."""
+    """Read a JSON file of results of this format; None if there is no such file or it does not match its schema."""
     try:
         content = read_json(path, schema)
     except ExperimentError:
@@ -85,7 +106,7 @@ def sha256_of(data: str | bytes | Path) -> str:
     return hashlib.sha256(data.encode() if isinstance(data, str) else data).hexdigest()
 
 
-#: The commands that write a report.html, by what else each leaves in its folder.
+#: The commands that write a report.html, by another file that each of them writes.
 _REPORTS = {
     "posterior.nc": "calibrate",
     "diagnosis.json": "diagnose",
@@ -95,7 +116,7 @@ _REPORTS = {
 
 
 def check_report(folder: Path, command: str) -> None:
-    """ExperimentError where a folder holds the report of another command, which this one's would replace."""
+    """Raise ExperimentError if `command` would replace the report of another command in a folder."""
     for name, other in _REPORTS.items():
         if other != command and (folder / name).exists():
             raise ExperimentError(

@@ -1,4 +1,4 @@
-"""TOML with refusals that name the line: tables that know where they stand, and their writing."""
+"""Read TOML with errors that name file, line and key; write values as TOML."""
 
 from __future__ import annotations
 
@@ -19,33 +19,57 @@ _LINE = re.compile(rf"\s*(?:(?P<open>\[\[?)\s*(?P<table>{_DOTTED})\s*\]|(?P<key>
 
 
 class Table:
-    """A table of a TOML file; values are taken out checked, and `allow_only` refuses what is not asked for."""
+    """A table of a TOML file. Its methods return checked values; their errors name file, line and key.
+
+    Parameters
+    ----------
+    name : str
+        Name of the file, for errors.
+    text : str
+        Text of the whole file.
+    values : mapping of str to object
+        Entries of the table.
+    address : tuple of str or int
+        Keys that lead from the top of the file to the table; indices, from 0, in lists of tables.
+
+    Examples
+    --------
+    >>> table = Table.parse("experiment.toml", "[cradle]\\nbobs = 3\\nlength = 'long'").table("cradle")
+    >>> table.whole("bobs")
+    3
+    >>> table.number("length")
+    Traceback (most recent call last):
+    identification.storage.files.ExperimentError: experiment.toml, line 3: cradle.length: is "long"; expected a number
+    """
 
     def __init__(self, name: str, text: str, values: Mapping[str, Any], address: Address = ()):
         self.name, self.text, self.values, self.address = name, text, values, address
 
     @classmethod
     def parse(cls, name: str, text: str) -> Table:
-        """The whole of a file."""
+        """Parse a file. Raises ExperimentError if it is not valid TOML."""
         try:
             return cls(name, text, parse_toml(text))
         except ValueError as error:
             raise ExperimentError(f"{name}: not valid TOML: {str(error)[:200]}; correct it there") from None
 
     def where(self, *keys: str | int) -> str:
-        """Where one entry stands: file, line n: table.key."""
+        """Describe the place of an entry: "file, line n: table.key"."""
         address = (*self.address, *keys)
         line = _line_of(self.text, address)
         path = ".".join(key if isinstance(key, str) else f"[{key + 1}]" for key in address).replace(".[", "[")
         return (f"{self.name}, line {line}" if line else self.name) + (f": {path[:80]}" if path else "")
 
     def refuse(self, message: str, *keys: str | int) -> ExperimentError:
-        """The error to raise for the entry at `keys`."""
+        """Return the error to raise for the entry at `keys`."""
         return ExperimentError(f"{self.where(*keys)}: {message}")
 
     @contextmanager
     def entry(self, *keys: str | int) -> Iterator[None]:
-        """Says where an impossible value was found inside; its message begins with the key if `keys` do not tell."""
+        """Turn a ValueError of the block into an ExperimentError with the place of the entry at `keys`.
+
+        Without `keys`, the entry is the key with which the message begins, if there is one.
+        """
         try:
             yield
         except ExperimentError:
@@ -60,7 +84,7 @@ class Table:
         return key in self.values
 
     def allow_only(self, known: Collection[str], what: str = "key") -> None:
-        """Refuses any other key, with the nearest of those known."""
+        """Raise ExperimentError for a key that is not known; the message has the nearest known one."""
         for key in self.values:
             if key not in known:
                 raise self.refuse(unknown_key(what, key[:60], known), key)
@@ -74,7 +98,7 @@ class Table:
         return value
 
     def number(self, key: str) -> float:
-        """A finite number."""
+        """Return a finite number."""
         return self._finite(self._get(key, (int, float), "a number"), key)
 
     def _finite(self, value: Any, *keys: str | int) -> float:
@@ -86,19 +110,19 @@ class Table:
         raise self.refuse(f"is {_format_value(value)}; expected a finite number", *keys)
 
     def numbers(self, key: str) -> tuple[float, ...]:
-        """A list of finite numbers."""
+        """Return a list of finite numbers."""
         return tuple(self._finite(value, key) for value in self._get(key, list, "a list of numbers"))
 
     def number_or_numbers(self, key: str) -> float | tuple[float, ...]:
-        """A finite number, or a list of them."""
+        """Return a finite number, or a list of them."""
         return self.numbers(key) if isinstance(self.values.get(key), list) else self.number(key)
 
     def whole(self, key: str) -> int:
-        """A whole number."""
+        """Return a whole number."""
         return self._get(key, int, "a whole number")
 
     def string(self, key: str, choices: Collection[str] = ()) -> str:
-        """A string, one of the choices if any are given."""
+        """Return a string; one of `choices`, if any are given."""
         expected = " or ".join(f'"{choice}"' for choice in choices) or "a string in quotes"
         value = self._get(key, str, expected)
         if choices and value not in choices:
@@ -106,18 +130,18 @@ class Table:
         return value
 
     def strings(self, key: str) -> list[str]:
-        """A list of strings."""
+        """Return a list of strings."""
         value = self._get(key, list, 'a list of names, as in ["quadratic_drag"]')
         if not all(isinstance(item, str) for item in value):
             raise self.refuse(f"is {_format_value(value)}; expected a list of names in quotes", key)
         return value
 
     def table(self, key: str, expected: str = "a table, { key = value, ... }") -> Table:
-        """A table within this one."""
+        """Return a table in this one."""
         return Table(self.name, self.text, self._get(key, dict, expected), (*self.address, key))
 
     def tables(self, key: str) -> list[Table]:
-        """A list of tables, at least one."""
+        """Return a list of at least one table."""
         value = self._get(key, list, f"one [[{key}]] table or more, in double brackets")
         if not value or not all(isinstance(item, dict) for item in value):
             raise self.refuse(f"expected one [[{key}]] table or more, in double brackets", key)
@@ -133,9 +157,9 @@ def _format_value(value: object) -> str:
 
 
 def _line_of(text: str, address: Address) -> int | None:
-    """The line (from 1) of an entry, or of the nearest table around it."""
+    """Find the line, from 1, of an entry, or of the innermost table that holds it."""
     table: Address = ()
-    counts: dict[Address, int] = {}  # of [[...]] so far, less one
+    counts: dict[Address, int] = {}  # index of the latest table of each [[...]]
     best, best_length = None, 0
     for number, line in enumerate(text.split("\n"), 1):
         match = _LINE.match(line)
@@ -158,7 +182,7 @@ def _line_of(text: str, address: Address) -> int | None:
 
 
 def toml_text(value: object) -> str:
-    """A value as TOML: text, number, list or inline table."""
+    """Format a value as TOML: a string, number, list or inline table."""
     if isinstance(value, str):
         escaped = "".join(c if c.isprintable() and c not in '\\"' else f"\\U{ord(c):08x}" for c in value)
         return f'"{escaped}"'
@@ -170,5 +194,5 @@ def toml_text(value: object) -> str:
 
 
 def toml_key(key: object) -> str:
-    """A key as TOML, quoted where it must be."""
+    """Format a key as TOML, in quotes if it needs them."""
     return str(key) if re.fullmatch(r"[\w-]+", str(key), re.ASCII) else toml_text(str(key))
