@@ -1,1 +1,1 @@
-"""Experiments: measured runs of a cradle and what is known about them, and the files that hold them."""
+"""Experiments: measured runs of a cradle, what is known about them, and the files that hold them."""

@@ -1,4 +1,4 @@
-"""What the label of a column means: time, or the angle or displacement of a bob, and in which unit."""
+"""Parse the label of a column: time, or the angle or displacement of a bob, and the unit."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import re
 import unicodedata
 from dataclasses import dataclass
 
-#: SI value of each unit in which a table may be, by quantity, the default first.
+#: SI value of each unit that a table may use, by quantity; the default comes first.
 TABLE_UNITS = {
     "t": {"s": 1.0, "ms": 1e-3, "us": 1e-6},
     "theta": {"rad": 1.0, "mrad": 1e-3, "deg": math.pi / 180.0},
@@ -16,7 +16,7 @@ TABLE_UNITS = {
 }
 #: The quantity of each unit.
 QUANTITY_OF = {unit: quantity for quantity, units in TABLE_UNITS.items() for unit in units}
-#: Other spellings, in lower case, compatibility characters replaced (NFKC).
+#: Other spellings of units, in lower case and in Unicode normal form NFKC.
 _SPELLINGS = {
     "s": "sec secs second seconds",
     "ms": "msec msecs millisecond milliseconds",
@@ -38,20 +38,27 @@ _WORDS = {
 }
 _BOB_WORDS = frozenset("bob ball mass pendulum sphere bead kugel".split())
 _FILLERS = frozenset("of in the from at rest horizontal".split())
-#: What is typed for the sign of degrees.
+#: Characters that are mistaken for the degree sign.
 _DEGREES = str.maketrans("º˚", "°°")
 _BRACKETS = re.compile(r"[\[(]\s*([^\])]*?)\s*[\])]")
-#: "Run 1: Time" of Logger Pro, "Time Run #1" of Capstone.
+#: The run in labels: "Run 1: Time" of Logger Pro, "Time Run #1" of Capstone.
 _RUN = re.compile(r"^[^:]*:(?=\s*\S)|\brun\s*#?\s*\d+")
 
 
 @dataclass(frozen=True)
 class Meaning:
-    """What a label means.
+    """The meaning of a label.
 
-    quantity: "t", "frame", "theta" or "x", or "" of a bob whose column does not say which; bob: its number, None if
-    the label has none; unit: a key of `TABLE_UNITS`, None if the label states none; odd_unit: one that it states and
-    that is not known.
+    Parameters
+    ----------
+    quantity : {"t", "frame", "theta", "x", ""}
+        Time, number of a frame, angle or displacement; "" for a bob if the label does not say which of the two.
+    bob : int, optional
+        Number of the bob, if the label has one.
+    unit : str, optional
+        Key of `TABLE_UNITS`, if the label states one of them.
+    odd_unit : str, optional
+        Unit that the label states and that is unknown.
     """
 
     quantity: str
@@ -61,7 +68,7 @@ class Meaning:
 
 
 def find_unit(text: str) -> str | None:
-    """The unit with this spelling; None if there is none.
+    """Find the unit with this spelling; None if it is unknown.
 
     >>> find_unit("(Degrees)")
     'deg'
@@ -70,9 +77,9 @@ def find_unit(text: str) -> str | None:
 
 
 def parse_unit(text: str) -> tuple[float, str] | None:
-    """What a unit of the user's means: so many times a unit of `TABLE_UNITS`; None if it means none.
+    """Parse a unit that a user states, into a factor and a unit of `TABLE_UNITS`; None if it is no such unit.
 
-    >>> parse_unit("0.44 mm")  # such as the size of a pixel
+    >>> parse_unit("0.44 mm")  # the size of a pixel
     (0.44, 'mm')
     """
     match = re.fullmatch(r"\s*([\d.]+(?:[eE][-+]?\d+)?)?\s*(\D+)", text)
@@ -85,12 +92,12 @@ def parse_unit(text: str) -> tuple[float, str] | None:
 
 
 def quantity_of(unit: str) -> str:
-    """The quantity of a unit that `parse_unit` knows."""
+    """Quantity of a unit. Raises ValueError if `parse_unit` cannot parse it."""
     return QUANTITY_OF[_require_unit(unit)[1]]
 
 
 def scale_of(unit: str) -> float:
-    """The SI value of a unit that `parse_unit` knows."""
+    """SI value of a unit. Raises ValueError if `parse_unit` cannot parse it."""
     factor, name = _require_unit(unit)
     return factor * TABLE_UNITS[QUANTITY_OF[name]][name]
 
@@ -98,14 +105,14 @@ def scale_of(unit: str) -> float:
 def _require_unit(unit: str) -> tuple[float, str]:
     parsed = parse_unit(unit)
     if parsed is None:
-        raise ValueError(f"{unit} is no unit")
+        raise ValueError(f"{unit} is not a known unit")
     return parsed
 
 
 def parse_label(label: str) -> Meaning | None:
-    """What a label means; None if it is neither of time nor of a bob, as far as its words tell.
+    """Parse a label; None if it names neither a time nor a bob.
 
-    Every word must be known: "Angle 1 error" and "x velocity" are other things than angles and positions.
+    Every word must be known, since "Angle 1 error" is no angle and "x velocity" is no position.
 
     >>> parse_label("Angle 1 (deg)")
     Meaning(quantity='theta', bob=1, unit='deg', odd_unit=None)
@@ -114,7 +121,7 @@ def parse_label(label: str) -> Meaning | None:
 
 
 def parse_label_unit(label: str) -> Meaning:
-    """What the unit of a label means, whatever its words say.
+    """Parse the unit of a label and ignore its words.
 
     >>> parse_label_unit("Left ball (deg)")
     Meaning(quantity='theta', bob=None, unit='deg', odd_unit=None)
@@ -124,7 +131,7 @@ def parse_label_unit(label: str) -> Meaning:
 
 
 def _split_label(label: str) -> tuple[list[str], str | None, str | None]:
-    """Words and numbers of a label, its unit, and a unit that is not known."""
+    """Split a label into its words and numbers, its unit if known, and its unit if unknown."""
     text, unit, odd = _RUN.sub(" ", _normalize(label)), None, None
     for inside in _BRACKETS.findall(text):
         if inside in _UNIT_OF:
@@ -144,7 +151,7 @@ def _split_label(label: str) -> tuple[list[str], str | None, str | None]:
 
 
 def same_label(a: str, b: str) -> bool:
-    """Whether two labels differ at most in case, spaces and compatibility characters."""
+    """Whether two labels are the same but for case, spaces and compatibility characters."""
     return "".join(_normalize(a).split()) == "".join(_normalize(b).split())
 
 
@@ -158,7 +165,7 @@ def _interpret(tokens: list[str], unit: str | None, odd: str | None) -> Meaning 
     if len(numbers) > 1 or any(number > 10**6 for number in numbers):
         return None
     for bob_word, letter in itertools.pairwise(words):
-        if bob_word in _BOB_WORDS and re.fullmatch("[a-h]", letter) and not numbers:  # mass A is the first
+        if bob_word in _BOB_WORDS and re.fullmatch("[a-h]", letter) and not numbers:  # mass A is bob 1
             numbers = [ord(letter) - ord("a") + 1]
             words.remove(letter)
     quantities = {_WORDS[word] for word in words if word in _WORDS}

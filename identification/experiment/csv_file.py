@@ -1,4 +1,4 @@
-"""Recorded motion from a CSV or a Tracker export, in SI units.
+"""Read recorded motion from a CSV or a Tracker export, in SI units; write a CSV.
 
 A CSV has one header line: `t` or `t [s]`, then `theta_i [rad]` or `x_i [m]` for each bob i seen. Empty fields and
 `nan` are missing values; lines that begin with # are comments.
@@ -28,12 +28,29 @@ _LABEL = re.compile(r"(t|(theta|x)_(\d{1,9}))\s*(?:\[\s*(\S*?)\s*\])?", re.ASCII
 
 
 def read_recording(path: Path, bobs: int | None = None) -> Recording:
-    """Reads a CSV or a Tracker export of a cradle with that many bobs (None: as many as it has columns for)."""
+    """Read a CSV or a Tracker export.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    bobs : int, optional
+        Number of bobs of the cradle; the highest bob in the file if omitted.
+
+    Returns
+    -------
+    Recording
+
+    Raises
+    ------
+    ExperimentError
+        If the file is unusable; the message names line and column.
+    """
     return parse_recording(path.name, *read_text(path), bobs)
 
 
 def parse_recording(name: str, text: str, data: bytes, bobs: int | None = None) -> Recording:
-    """Likewise of the text of a file of that name; data: the file as it is."""
+    """Do the same for the text of a file that is already read; data: its bytes."""
     lines = text.split("\n")
     if is_tracker(lines):
         return read_tracker(name, lines, bobs, data)
@@ -65,7 +82,7 @@ def _read_csv(name: str, lines: list[str], bobs: int | None, data: bytes) -> Rec
 
 
 def _parse_label(at: str, label: str, bobs: int | None) -> tuple[str, int, float, str]:
-    """(quantity, bob, SI value of the unit, unit) of a column by its label in the header; bob 0 for time."""
+    """Parse the label of a column into quantity, bob (0 for time), SI value of the unit, and unit."""
     match = _LABEL.fullmatch(label)
     if match is None:
         if re.fullmatch(r"[-+.\d]+(e[-+]?\d+)?", label, re.ASCII | re.IGNORECASE):
@@ -110,7 +127,16 @@ def _check_columns(at: str, labels: list[str], columns: list[tuple[str, int, flo
 
 
 def csv_text(times: np.ndarray, readings: np.ndarray, quantity: str) -> str:
-    """A CSV, in SI units, that reads back to the very same numbers; nan becomes an empty field."""
+    """Format a CSV in SI units. It reads back to exactly the same numbers; nan becomes an empty field.
+
+    times: (T,) [s]; readings: (T, N) [rad] or [m]; quantity: "theta" or "x".
+
+    >>> print(csv_text(np.array([0.0, 0.5]), np.array([[0.2], [np.nan]]), "theta"))
+    t [s],theta_1 [rad]
+    0.0,0.2
+    0.5,
+    <BLANKLINE>
+    """
     unit = next(iter(UNITS[quantity]))
     header = ",".join(["t [s]", *(f"{quantity}_{i + 1} [{unit}]" for i in range(readings.shape[1]))])
     rows = (

@@ -25,12 +25,35 @@ from identification.storage.files import ExperimentError, read_text, resolve_bes
 class Experiment:
     """Measured runs of one cradle, and what is known about them.
 
-    cradle: with its model; what is to be inferred stands at where to start. runs: at least one. infer: priors of
-    unknowns beside k_f, kappa and b (or of these), by field of Cradle or by "effect.parameter".
-    unknown_effect_parameters: "effect.parameter" of those without a known value. path: of the experiment.toml that
-    it was read from.
+    Parameters
+    ----------
+    cradle : Cradle
+        The cradle with its model. Values of parameters to infer are starting values.
+    runs : tuple of Run
+        At least one. A run without δ takes that of the cradle.
+    infer : mapping of str to Prior
+        Priors by field of Cradle or by "effect.key". A field other than k_f, kappa and b is inferred only if it has
+        a prior.
+    unknown_effect_parameters : tuple of str
+        Effect parameters that have no known value and are inferred, as "effect.key".
+    path : Path, optional
+        The experiment.toml from which the experiment was read.
 
-    Raises ValueError if these do not fit together.
+    Raises
+    ------
+    ValueError
+        If a run does not fit the cradle, if a prior has an unknown name or allows impossible values, or if δ is to be
+        inferred although the runs state several.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from cradle_env import Cradle, Release, simulate
+    >>> cradle, release = Cradle(bobs=2, model="pendulum"), Release(angle=0.2)
+    >>> run = simulate(cradle, release, duration=2.0, sample_rate=60.0)
+    >>> experiment = Experiment.from_arrays(cradle, run.t, run.theta, release, noise=1e-3)
+    >>> experiment.runs[0].readings.shape, experiment.runs[0].bobs_seen
+    ((121, 2), (1, 2))
     """
 
     cradle: Cradle
@@ -47,33 +70,35 @@ class Experiment:
             check_prior(self.cradle, name, prior)
         deltas = {run.delta for run in self.runs}
         if "delta" in self.infer and (len(deltas) > 1 or isinstance(self.runs[0].delta, tuple)):
-            told = " and ".join(map(str, deltas))
+            stated = " and ".join(map(str, deltas))
             raise ValueError(
-                f"delta is to be inferred as one number of all runs, but they state {told}; leave it out of [infer] "
-                "and infer spacer_offset.offset, by which gaps differ from what is stated"
+                f"delta is to be inferred as one number for all runs, but they state {stated}; leave it out of [infer]"
+                " and infer spacer_offset.offset, which is added to the stated delta of each gap"
             )
         object.__setattr__(self, "infer", MappingProxyType(dict(self.infer)))
 
     @functools.cached_property
     def digest(self) -> str:
-        """SHA-256 over its files: as they were read or, if made or changed in Python, as they would be saved."""
+        """SHA-256 of its files as they were read or, if it was made in Python, as `save` would write them."""
         return _digest(*(text.encode() for text in self.texts().values()))
 
     @functools.cached_property
     def text(self) -> str:
-        """Its experiment.toml, as it was read or would be saved."""
+        """Text of its experiment.toml as it was read or, if it was made in Python, as `save` would write it."""
         return self.texts()[FILE_NAME]
 
     def with_source(self, digest: str, text: str | None = None) -> Experiment:
-        """This experiment, as read from files of that digest, and with that text; what `dataclasses.replace` makes of
-        it has its own."""
+        """Set digest and text to those of the files that the experiment was read from; return the experiment.
+
+        Copies made by `dataclasses.replace` compute their own.
+        """
         vars(self)["digest"] = digest
         if text is not None:
             vars(self)["text"] = text
         return self
 
     def cradle_of(self, run: Run) -> Cradle:
-        """The cradle with the δ of one run."""
+        """The cradle with the δ of a run."""
         return self.cradle.replace(delta=run.delta)
 
     @classmethod
@@ -85,26 +110,64 @@ class Experiment:
         release: Release | ReleaseInfo | None = None,
         **run,
     ) -> Experiment:
-        """An experiment of one run: times (T,) [s], readings (T, N) [rad or m]; more of it by the fields of `Run`."""
+        """Make an experiment of one run from arrays.
+
+        Parameters
+        ----------
+        cradle : Cradle
+            The cradle with its model.
+        times : ndarray of shape (T,)
+            Times [s], ascending, 0 at the release.
+        readings : ndarray of shape (T, N)
+            Angles [rad], or displacements [m] with quantity="x"; nan where missing.
+        release : Release or ReleaseInfo, optional
+            How the run was released; a Release counts as exactly known.
+        **run
+            Further fields of `Run`, such as noise=1e-3.
+
+        Returns
+        -------
+        Experiment
+
+        Raises
+        ------
+        ValueError
+            If these do not fit together.
+        """
         info = ReleaseInfo(release) if isinstance(release, Release) else release
         return cls(cradle, (Run(times, readings, release=info, **run),))
 
     @classmethod
     def load(cls, path: str | Path) -> Experiment:
-        """Reads an experiment.toml and the data it names; ExperimentError, one line, if they are unusable."""
+        """Read an experiment.toml and the data files that it names.
+
+        Parameters
+        ----------
+        path : str or Path
+            The experiment.toml; data files are named relative to its folder.
+
+        Returns
+        -------
+        Experiment
+
+        Raises
+        ------
+        ExperimentError
+            If a file is unusable. The message is one line with file, line, key or column, and remedy.
+        """
         path = Path(path)
         text, data = read_text(path)
         return cls._parse(text, path, data, _in_folder(path.parent))
 
     @classmethod
     def parse(cls, text: str, path: str | Path) -> Experiment:
-        """The experiment that a text describes, were it the file at `path`; ExperimentError if it is unusable."""
+        """Parse the text of an experiment.toml as if it were the file at `path`, with errors as in `load`."""
         path = Path(path)
         return cls._parse(text, path, text.encode(), _in_folder(path.parent))
 
     @classmethod
     def from_texts(cls, texts: Mapping[str, str]) -> Experiment:
-        """The experiment of what `texts` gives, whose files are on no disk; ExperimentError if it is unusable."""
+        """Parse an experiment from the texts of its files, by name, with errors as in `load`."""
 
         def recording_of(file: str, bobs: int) -> Recording:
             if file not in texts:
@@ -123,18 +186,29 @@ class Experiment:
         return cls(cradle, runs, infer, unknown, path).with_source(_digest(data, *recorded), text)
 
     def save(self, directory: str | Path) -> Path:
-        """Writes experiment.toml and its data into a folder, in SI units; the path of experiment.toml."""
+        """Write experiment.toml and its data files, in SI units.
+
+        Parameters
+        ----------
+        directory : str or Path
+            Created if missing; files of the same names are replaced.
+
+        Returns
+        -------
+        Path
+            That of experiment.toml.
+        """
         texts = self.texts()
         description = texts.pop(FILE_NAME)
         write_together(Path(directory), {**texts, FILE_NAME: description})
         return Path(directory) / FILE_NAME
 
     def texts(self) -> dict[str, str]:
-        """The files of the experiment by name, experiment.toml first."""
+        """Texts of the files that `save` writes, by name, experiment.toml first."""
         texts, runs = {FILE_NAME: ""}, []
         for i, run in enumerate(self.runs, 1):
             file, text = Path(Path(run.file).name.replace("\\", "_")), csv_text(run.times, run.readings, run.quantity)
-            while texts.setdefault(str(file), text) != text:  # another folder's data of the same name
+            while texts.setdefault(str(file), text) != text:  # data of the same name from another folder
                 file = file.with_stem(f"{file.stem}-{i}")
             runs.append(dataclasses.replace(run, file=str(file)))
         texts[FILE_NAME] = experiment_text(self.cradle, runs, self.infer, self.unknown_effect_parameters)

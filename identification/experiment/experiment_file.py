@@ -1,4 +1,4 @@
-"""experiment.toml: from text to a cradle, its runs and priors, and back."""
+"""Read and write experiment.toml: text to cradle, runs and priors, and back."""
 
 from __future__ import annotations
 
@@ -29,10 +29,31 @@ _RELEASE_KEYS = ("bobs", "angle", "angles", "angle_sd", "time_sd", "start")
 def read_experiment(
     text: str, name: str, recording_of: Callable[[str, int], Recording]
 ) -> tuple[Cradle, tuple[Run, ...], dict[str, Prior], tuple[str, ...], list[bytes]]:
-    """Cradle, runs, priors, effect parameters without a value, and the data files as they are.
+    """Read an experiment.toml.
 
-    `text` is that of the experiment.toml of that name; recording_of(file, bobs) gives the data that it names, and
-    raises ValueError for what it may not name.
+    Parameters
+    ----------
+    text : str
+        Text of the file.
+    name : str
+        Name of the file, for errors.
+    recording_of : callable
+        recording_of(file, bobs) reads a data file. It raises ValueError if the file may not be read.
+
+    Returns
+    -------
+    cradle : Cradle
+    runs : tuple of Run
+    infer : dict of str to Prior
+    unknown : tuple of str
+        Effect parameters without a value, as "effect.key".
+    data : list of bytes
+        Content of each data file.
+
+    Raises
+    ------
+    ExperimentError
+        If the text is unusable.
     """
     top = Table.parse(name, text)
     top.allow_only(("format", "cradle", "model", "run", "infer"), "table")
@@ -57,10 +78,10 @@ def read_experiment(
 
 
 def _read_model(table: Table, bobs: int) -> tuple[dict[str, Any], tuple[str, ...]]:
-    """Cradle's `model` and `effects`, and the effect parameters without a value, which start from their scale (from 0
-    where there is one for each bob or gap).
+    """Read `model` and `effects` of Cradle, and the names of effect parameters without a value.
 
-    An effect whose parameters are stated belongs to the model, whether `effects` lists it or not.
+    A parameter without a value starts from its scale, or from 0 if there is one for each bob or gap. An effect whose
+    parameters are stated belongs to the model, whether `effects` lists it or not.
     """
     table.allow_only(("base", "effects", "parameters"))
     base = table.string("base", tuple(MODELS)) if "base" in table else "nsp"
@@ -70,11 +91,11 @@ def _read_model(table: Table, bobs: int) -> tuple[dict[str, Any], tuple[str, ...
         changes = {name: effect(name.removeprefix("-")) for name in names}
         for name in changes:
             if f"-{name}" in changes:
-                raise ValueError(f"{name} is put in and taken out; leave out one of {name!r} and '-{name}'")
+                raise ValueError(f"{name} is both added and removed; leave out one of {name!r} and '-{name}'")
     for name in stated.values:
         with stated.entry(name):
             if f"-{name}" in changes:
-                raise ValueError(f"has values, but effects takes it out; remove '-{name}' there, or the values here")
+                raise ValueError(f"has values, but effects removes it; delete '-{name}' there, or the values here")
             changes.setdefault(name, effect(name))
     effects, unknown = {}, []
     for name, declared in changes.items():
@@ -111,7 +132,7 @@ def _read_cradle(table: Table, model: dict[str, Any]) -> Cradle:
 
 
 def _read_priors(table: Table, cradle: Cradle) -> dict[str, Prior]:
-    """Priors by name; one of an effect's parameter may be written "effect.parameter" or as a table in a table."""
+    """Read priors by name. That of an effect's parameter is written "effect.key", or as a table within a table."""
     priors: dict[str, Prior] = {}
     for key, value in table.values.items():
         if isinstance(value, dict) and value and not value.keys() & set(_PRIOR_KEYS):
@@ -142,12 +163,12 @@ def _read_run(table: Table, file: str, recording: Recording, cradle: Cradle) -> 
             values[key] = table.string(key, choices)
     if "release" in table:
         values["release"] = _read_release(table.table("release"))
-    if recording.absolute:  # where each bob rests from a common origin only its readings tell
+    if recording.absolute:  # then only the readings show where each bob rests
         if values.setdefault("rest", "free") == "known" and cradle.bobs > 1:
             raise table.refuse(
                 f'is "known", but x in {file} is counted from one origin for all bobs; write rest = "free"', "rest"
             )
-    # A rest that is free need not be told better than by the median.
+    # If the rest position is inferred, the median is a sufficient first estimate of it.
     from_rest = recording.displacements() if values.get("rest") == "free" else recording.readings
     with table.entry():
         run = Run(
@@ -191,7 +212,7 @@ def _read_release(table: Table) -> ReleaseInfo:
 
 
 def _check_magnitudes(recording: Recording, cradle: Cradle, length: Prior | None) -> None:
-    """Refuses readings that no bob can reach: their unit is wrong."""
+    """Raise ExperimentError for a reading that no bob can reach: its unit is wrong."""
     reach = np.nan_to_num(np.abs(recording.displacements()))
     row, bob = np.unravel_index(np.argmax(reach), reach.shape)
     if recording.quantity == "theta":
@@ -215,7 +236,7 @@ def _check_magnitudes(recording: Recording, cradle: Cradle, length: Prior | None
 def experiment_text(
     cradle: Cradle, runs: Sequence[Run], infer: Mapping[str, Prior], unknown_effect_parameters: Sequence[str]
 ) -> str:
-    """The experiment.toml of these, in SI units, its data beside it."""
+    """Format an experiment.toml in SI units; its data files are in the same folder."""
     lines = [f"format = {toml_text(FORMAT)}", "", "[cradle]"]
     lines += _entries({key: getattr(cradle, key) for key in _CRADLE_KEYS})
     lines += ["", *model_lines(cradle, unknown_effect_parameters)]
@@ -231,7 +252,10 @@ def experiment_text(
 
 
 def model_lines(cradle: Cradle, unknown: Sequence[str], more: Sequence[str] = ()) -> list[str]:
-    """The tables [model] and [model.parameters]: without what is unknown; `more`: effects of which all is."""
+    """Format the tables [model] and [model.parameters].
+
+    unknown: effect parameters to leave out, as "effect.key"; more: further effects, with all parameters unknown.
+    """
     known = {
         name: {k: v for k, v in values.items() if f"{name}.{k}" not in unknown}
         for name, values in cradle.effects.items()
@@ -242,7 +266,7 @@ def model_lines(cradle: Cradle, unknown: Sequence[str], more: Sequence[str] = ()
 
 
 def infer_lines(infer: Mapping[str, Prior]) -> list[str]:
-    """The table [infer], where there is one."""
+    """Format the table [infer]; no lines if there are no priors."""
     priors = {k: {n: v for n, v in vars(p).items() if v is not None} for k, p in infer.items()}
     return ["", "[infer]", *_entries(priors)] if infer else []
 

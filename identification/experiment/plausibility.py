@@ -1,4 +1,4 @@
-"""What readings tell of themselves: the period of the swing, units that cannot be, the origin, and the side."""
+"""Check readings by themselves: the period of the swing, impossible units, the origin, and the sign."""
 
 from __future__ import annotations
 
@@ -15,40 +15,51 @@ from identification.experiment.recording import Recording
 from identification.experiment.table_columns import Columns, quote_labels
 from identification.storage.files import ExperimentError
 
-#: Periods [s] of cradles, of strings from 2.5 mm to 100 m.
-_SHORTEST, _LONGEST = 0.1, 20.0
-#: Readings that the period is told from at most, and at least; swings in them; readings in each swing.
-_MOST, _LEAST, _SWINGS, _PER_SWING = 2**14, 32, 2.0, 6.0
-#: A swing has this part of the variance within this part of its frequency; white noise less than a fourth of that.
-_SHARE, _BAND = 0.4, 0.15
-#: Steps of the periodogram in what the length of the data resolves.
+#: Shortest period of a cradle [s], with strings of 2.5 mm.
+_SHORTEST = 0.1
+#: Longest period of a cradle [s], with strings of 100 m.
+_LONGEST = 20.0
+#: Most readings that the periodogram uses.
+_MOST = 2**14
+#: Fewest readings for a periodogram.
+_LEAST = 32
+#: Fewest swings in the readings.
+_SWINGS = 2.0
+#: Fewest readings per swing.
+_PER_SWING = 6.0
+#: Smallest part of the variance in the band of the swing; white noise has less than a fourth of it there.
+_SHARE = 0.4
+#: Half width of the band of the swing, as a part of its frequency.
+_BAND = 0.15
+#: Steps of the periodogram per frequency resolution, 1/duration.
 _FINER = 8
-#: Largest angle [rad] and displacement [m] that are read; beyond, the unit is wrong.
+#: Largest angle [rad] and displacement [m] that are accepted; a larger one has the wrong unit.
 _FARTHEST = {"theta": 2.0 * math.pi, "x": 2.0}
-#: Units that are taken for larger ones, the likeliest first.
+#: Units that a file may have used instead of a larger one, the likeliest first.
 _INSTEAD = {"theta": ("deg", "mrad"), "x": ("mm", "cm", "um")}
-#: Part of the length of a pendulum that it swings to at most.
+#: Largest displacement of a pendulum over its length, with a margin for the error of the length.
 _OF_LENGTH = 1.1
-#: Times [s] that begin later, after 12 days, are those of a clock.
+#: Times that begin later than this [s], 12 days, are those of a clock.
 _CLOCK = 1e6
-#: Readings that stay away from 0 by this part of the widest swing are counted from elsewhere.
+#: Readings have another origin if they stay away from 0 by this part of the widest swing.
 _AWAY = 0.3
-#: Bobs cannot pass each other: readings in which they come closer this many times as far as they part are mirrored.
+#: Bobs cannot pass each other: readings are mirrored if bobs approach this many times as far as they separate.
 _PASSED = 4.0
 
 
 @dataclass(frozen=True)
 class StatedUnits:
-    """The units that a file states, of its times and of its readings; None: none."""
+    """The units of times and readings that a file states; None if it states none."""
 
     time: str | None
     readings: str | None
 
 
 def swing_period(recording: Recording) -> float | None:
-    """The period [s] of the bob that swings widest, by the peak of its periodogram; None if no swing stands out.
+    """Estimate the period [s] of the bob that swings widest, from the peak of its periodogram.
 
-    It is good to a few per cent. It needs 2 swings of 6 readings each.
+    The error is a few per cent. At least 2 swings with 6 readings each are needed. Returns None if there is no clear
+    peak.
     """
     moved = recording.displacements()
     widths = _widths(moved)
@@ -60,19 +71,19 @@ def swing_period(recording: Recording) -> float | None:
     if len(t) < _LEAST:
         return None
     x = np.interp(np.linspace(t[0], t[-1], len(t)), t, x)
-    window = np.hanning(len(t))  # else the ends bias the peak
+    window = np.hanning(len(t))  # reduces the bias of the peak by the ends
     x = window * (x - np.average(x, weights=window))
     power = np.abs(np.fft.rfft(x, _FINER * len(t))) ** 2
-    swings = np.arange(len(power)) / _FINER  # in the whole
+    swings = np.arange(len(power)) / _FINER  # number of swings in the readings
     power[(swings < _SWINGS) | (swings > len(t) / _PER_SWING)] = 0.0
     peak = swings[int(np.argmax(power))]
     near = power[np.abs(swings - peak) <= max(_BAND * peak, 2.0)].sum()
-    whole = 0.5 * _FINER * len(t) * np.square(x).sum()  # Parseval, of positive frequencies
+    whole = 0.5 * _FINER * len(t) * np.square(x).sum()  # Parseval, positive frequencies
     return float((t[-1] - t[0]) / peak) if near > _SHARE * whole else None
 
 
 def pendulum_length(period: float) -> float:
-    """Length [m] of the pendulum with this small-angle period 2π √(r0/g) [s].
+    """Length r0 [m] of the pendulum with this small-angle period 2π √(r0/g) [s].
 
     >>> round(pendulum_length(1.0), 3)
     0.248
@@ -81,13 +92,31 @@ def pendulum_length(period: float) -> float:
 
 
 def resolve_units(recording: Recording, stated: StatedUnits, columns: Columns) -> tuple[Recording, list[str]]:
-    """The recording in the units and from the origin that its readings tell, and what was changed, in words.
+    """Correct units and origin of a recording if the readings show them to be wrong.
 
-    recording: in SI units, by `stated`, or by the default units where nothing is stated. A unit that nobody states is
-    replaced if it cannot be and another can; one in the file, that cannot be, is refused with the option that helps;
-    one that the user states stays.
+    A unit that nobody states is replaced if it is impossible and another is possible. An impossible unit in the file
+    is an error that names the option to use. A unit that the user states is kept.
 
-    Raises ExperimentError if a unit is wrong and it is for the user to say which is right.
+    Parameters
+    ----------
+    recording : Recording
+        In SI units, converted from the units of `stated`, or from the default units where none is stated.
+    stated : StatedUnits
+        Units in the file.
+    columns : Columns
+        Units that the user states.
+
+    Returns
+    -------
+    recording : Recording
+        The corrected recording.
+    changes : list of str
+        What was changed, a line each.
+
+    Raises
+    ------
+    ExperimentError
+        If a unit is wrong and the user must state the right one.
     """
     recording, told = _resolve_time_unit(recording, stated, columns)
     if recording.times[0] > _CLOCK:
@@ -96,7 +125,7 @@ def resolve_units(recording: Recording, stated: StatedUnits, columns: Columns) -
     period = swing_period(recording)
     if period is not None and not recording.absolute and _off_centre(recording):
         recording = dataclasses.replace(recording, absolute=True)
-        told.append("readings are not counted from where the bobs rest: the median of each is taken for its rest")
+        told.append("the origin is not where the bobs rest: the median of each bob is taken as its rest position")
     recording, of_size = _resolve_reading_unit(recording, stated, columns, period)
     if period is not None:
         told.append(f"a swing takes {period:.3g} s: that of a pendulum of {pendulum_length(period):.2g} m")
@@ -104,7 +133,7 @@ def resolve_units(recording: Recording, stated: StatedUnits, columns: Columns) -
 
 
 def is_mirrored(recording: Recording) -> bool:
-    """Whether bobs seem to pass each other, and would not if all signs were turned."""
+    """Whether bobs pass each other in the readings, and would not if all signs were changed."""
     moved = recording.displacements()
     columns = [column for column in moved.T if not np.isnan(column).all()]
     apart = np.concatenate([b - a for a, b in itertools.pairwise(columns)] or [np.empty(0)])
@@ -116,7 +145,7 @@ def is_mirrored(recording: Recording) -> bool:
 
 
 def _widths(moved: np.ndarray) -> np.ndarray:
-    """From the lowest to the highest reading of each bob, (N,); nan of one that has none."""
+    """Highest less lowest reading of each bob, (N,); nan for a bob without readings."""
     seen = ~np.isnan(moved)
     high = np.max(moved, axis=0, where=seen, initial=-np.inf)
     low = np.min(moved, axis=0, where=seen, initial=np.inf)

@@ -1,4 +1,4 @@
-"""Recorded motion, and the rows of numbers that all data files are made of."""
+"""Recorded motion, and the parsing of rows of numbers, which all data files share."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 
 from identification.storage.files import ExperimentError
 
-#: SI value of each unit that a column may be in, the default first.
+#: SI value of each unit that a column may use; the default comes first.
 UNITS = {
     "t": {"s": 1.0, "ms": 1e-3},
     "theta": {"rad": 1.0, "deg": math.pi / 180.0},
@@ -20,12 +20,30 @@ UNITS = {
 
 @dataclass(frozen=True, eq=False)
 class Recording:
-    """What a file holds, in SI units.
+    """Content of a data file, in SI units.
 
-    times (T,) [s], ascending; readings (T, N) [rad] or [m], nan where missing; quantity "theta" or "x"; unit of the
-    readings in the file and scale, its SI value; labels (N,) of the columns as written, "" for a bob without one;
-    lines (T, N), where each reading stands in the file, 0 for none; absolute: x is counted from one common origin, not
-    from each bob's rest position; data: the file as it is.
+    Parameters
+    ----------
+    name : str
+        Name of the file.
+    times : ndarray of shape (T,)
+        Times [s], ascending.
+    readings : ndarray of shape (T, N)
+        Angles [rad] or displacements [m]; nan where missing.
+    quantity : {"theta", "x"}
+        Angles or displacements.
+    unit : str
+        Unit of the readings in the file.
+    scale : float
+        SI value of that unit.
+    labels : tuple of str, N of them
+        Labels of the columns; "" for a bob without a column.
+    lines : ndarray of int, shape (T, N)
+        Line of each reading in the file, from 1; 0 if it has none.
+    absolute : bool
+        Whether x has one origin for all bobs, and not each bob's rest position.
+    data : bytes
+        The file.
     """
 
     name: str
@@ -40,7 +58,7 @@ class Recording:
     data: bytes
 
     def displacements(self) -> np.ndarray:
-        """The readings, those counted from a common origin less the median of each bob; (T, N)."""
+        """Readings (T, N), less the median of each bob if they have one origin for all bobs."""
         if not self.absolute:
             return self.readings
         seen = [column[~np.isnan(column)] for column in self.readings.T]
@@ -48,27 +66,51 @@ class Recording:
 
 
 def is_content(line: str) -> bool:
-    """Whether a line holds something: not blank, not a comment, not delimiters only."""
+    """Whether a line is neither blank, nor a comment, nor made of delimiters only."""
     return bool(line.strip(' \t,;"')) and not line.lstrip().startswith("#")
 
 
 def find_delimiter(header: str) -> str:
-    """The delimiter of a file by its header line: tab, semicolon or comma."""
+    """Find the delimiter of a file in its header line: tab, semicolon or comma."""
     return next((d for d in "\t;" if d in header), ",")
 
 
 def split_header(line: str, delimiter: str) -> list[str]:
-    """The fields of a header line, without quotes and the empty ones at its end."""
+    """Split a header line into fields without quotes; empty fields at its end are left out."""
     return [field.strip(' \t"') for field in line.rstrip(" " + delimiter).split(delimiter)]
 
 
 def read_rows(
     name: str, lines: Sequence[str], where: range, labels: Sequence[str], delimiter: str, *, ragged: bool = False
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Numbers (T, columns), nan where missing, and the line of each row (T,), from the lines at `where`.
+    """Read rows of numbers.
 
-    Where the delimiter is not the comma, a decimal comma is read as a point. ragged: empty fields at the end of a
-    row may be left out.
+    Parameters
+    ----------
+    name : str
+        Name of the file, for errors.
+    lines : sequence of str
+        All lines of the file.
+    where : range
+        Indices, from 0, of the lines to read.
+    labels : sequence of str
+        Labels of the columns.
+    delimiter : str
+        If it is not the comma, decimal commas are accepted.
+    ragged : bool
+        Whether empty fields at the end of a row may be left out.
+
+    Returns
+    -------
+    numbers : ndarray of shape (T, columns)
+        nan where a field is empty.
+    rows : ndarray of int, shape (T,)
+        Line of each row, from 1.
+
+    Raises
+    ------
+    ExperimentError
+        If a field is not a finite number, a row has another number of fields, or there are no rows.
     """
     width, numbers, rows = len(labels), [], []
     for i in where:
@@ -100,7 +142,7 @@ def read_rows(
 
 
 def _fit_width(at: str, fields: list[str], labels: Sequence[str], ragged: bool) -> list[str]:
-    """A row with as many fields as there are columns, if it only lacks or exceeds by empty ones."""
+    """Make a row as long as the header. Raises ExperimentError if it has too many or too few fields for that."""
     width = len(labels)
     if len(fields) > width and not any(field.strip() for field in fields[width:]):
         return fields[:width]
@@ -128,7 +170,7 @@ def _parse_numbers(at: str, fields: list[str], labels: Sequence[str]) -> Iterato
 
 
 def check_ascending(name: str, times: np.ndarray, rows: np.ndarray, label: str) -> None:
-    """Refuses a missing time, or one [s] that is not after the one before."""
+    """Raise ExperimentError if a time [s] is missing or is not after the one before."""
     missing = np.flatnonzero(np.isnan(times))
     if len(missing):
         raise ExperimentError(f"{name}, line {rows[missing[0]]}, column {label}: no time; each row needs one")

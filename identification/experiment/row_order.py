@@ -1,4 +1,4 @@
-"""Rows of a table in order of time, each instant once."""
+"""Sort the rows of a table by time, and join those of one instant."""
 
 from __future__ import annotations
 
@@ -8,19 +8,37 @@ import numpy as np
 
 from identification.storage.files import ExperimentError
 
-#: Rows in a part that runs forward, and of it beside another part, from which on these are two recordings.
+#: Two parts of a table, each in order of time, are two recordings if at least this many of their rows overlap in time.
 _PART = 8
 
 
 def sort_rows(
     name: str, times: np.ndarray, readings: np.ndarray, rows: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[str]]:
-    """Rows sorted by time (T,) [s], those of one instant as one; and what was done, in words.
+    """Sort rows by time and join the rows of one instant, which may repeat or complete each other.
 
-    readings: (T, N), nan where missing; rows: (T,), the line of each in the file. Rows of one instant may repeat or
-    complete each other.
+    Parameters
+    ----------
+    name : str
+        Name of the file, for errors.
+    times : ndarray of shape (T,)
+        Times [s].
+    readings : ndarray of shape (T, N)
+        nan where missing.
+    rows : ndarray of int, shape (T,)
+        Line of each row in the file.
 
-    Raises ExperimentError if a time is missing, if rows of one instant differ, or if the times start over.
+    Returns
+    -------
+    times, readings, rows : ndarray
+        The same, sorted, each instant once.
+    changes : list of str
+        What was changed, a line each.
+
+    Raises
+    ------
+    ExperimentError
+        If a time is missing, if rows of one instant contradict each other, or if the times start over.
     """
     done = []
     missing = np.flatnonzero(np.isnan(times))
@@ -43,7 +61,7 @@ def sort_rows(
 
 
 def _check_one_recording(name: str, times: np.ndarray, rows: np.ndarray, starts: np.ndarray) -> None:
-    """Refuses parts that run forward beside each other: rows sorted by time would mix two recordings."""
+    """Raise ExperimentError if parts of the table overlap in time: sorting would mix two recordings."""
     bounds = np.r_[0, starts, len(times)]
     latest = None
     for begin, end in itertools.pairwise(bounds):
@@ -61,7 +79,7 @@ def _check_one_recording(name: str, times: np.ndarray, rows: np.ndarray, starts:
 
 
 def _join_rows(name: str, times: np.ndarray, readings: np.ndarray, rows: np.ndarray, first: np.ndarray) -> np.ndarray:
-    """The readings of each instant, from all of its rows; `first`: where an instant begins."""
+    """Join the readings of each instant; first: index of the first row of each instant."""
     low, high = (f.reduceat(readings, first, axis=0) for f in (np.fmin, np.fmax))
     differ = np.argwhere(low < high)
     if len(differ):

@@ -1,4 +1,4 @@
-"""What is known of one measured run, and priors of what is not."""
+"""One measured run: its readings, its release, and priors of unknowns."""
 
 from __future__ import annotations
 
@@ -17,16 +17,34 @@ from cradle_env.release import Release
 from cradle_env.simulation import prepare
 from identification.experiment.recording import UNITS
 
-#: Noise [rad or m] below which the errors of a simulation, some 1e-7 over 10 s, would count as misfit.
+#: Smallest noise [rad or m]: errors of a simulation, about 1e-7 over 10 s, must not count as misfit.
 _LEAST_NOISE = 1e-7
-#: Steps of single bobs in one simulation of a measured run at most, some 10 s: a fit makes thousands of them.
+#: Most steps of single bobs in one simulation of a run, about 10 s of computing: a fit makes thousands of simulations.
 _MOST_STEPS = 1e7
 _LATE = "count t from the release, not from 1970 as a clock in Unix time does, or keep less of the recording"
 
 
 @dataclass(frozen=True)
 class Prior:
-    """What is known of an unknown: a normal (mean, sd), or a uniform one (low, high), in its SI unit."""
+    """Prior of an unknown: normal (mean and sd) or uniform (low and high).
+
+    Parameters
+    ----------
+    mean, sd : float, optional
+        Mean and standard deviation, in the unknown's SI unit.
+    low, high : float, optional
+        Bounds, in the unknown's SI unit.
+
+    Raises
+    ------
+    ValueError
+        If another pair of these is given, if sd is not positive, or if low is not below high.
+
+    Examples
+    --------
+    >>> Prior(mean=0.3, sd=0.002).support, Prior(low=0.0, high=1.0).sd
+    ((0.3,), None)
+    """
 
     mean: float | None = None
     sd: float | None = None
@@ -45,7 +63,7 @@ class Prior:
 
     @property
     def support(self) -> tuple[float, ...]:
-        """Values that must be possible: the mean, or the two ends, just inside."""
+        """Values that must be possible: the mean, or both bounds moved inwards by 1e-9 of the width."""
         if self.low is None or self.high is None:
             return (float(self.mean or 0.0),)
         inset = 1e-9 * (self.high - self.low)
@@ -53,14 +71,29 @@ class Prior:
 
 
 def check_noise(noise: float, unit: str, scale: float = 1.0) -> float:
-    """1 sigma of a reading [unit], of which one is `scale` rad or m; ValueError for less than simulations resolve."""
+    """Check the standard deviation of a reading, in a unit of `scale` rad or m; ValueError if it is too small."""
     remedy = "state the scatter of a single reading, or leave noise out to have it inferred"
     return check_range("noise", noise, unit, _LEAST_NOISE / scale, remedy=remedy)
 
 
 @dataclass(frozen=True)
 class ReleaseInfo:
-    """How a run was released, and how well that is known: angle_sd [rad] and time_sd [s], 1 sigma, 0 for exactly."""
+    """How a run was released, and how well that is known.
+
+    Parameters
+    ----------
+    release : Release
+        The release; angles are true angles [rad].
+    angle_sd : float
+        Standard deviation of the release angle [rad]; 0 if it is known exactly.
+    time_sd : float
+        Standard deviation of the instant of release [s]; 0 if it is known exactly.
+
+    Raises
+    ------
+    ValueError
+        If a standard deviation is negative or not finite.
+    """
 
     release: Release
     angle_sd: float = 0.0
@@ -75,13 +108,41 @@ class ReleaseInfo:
 class Run:
     """One measured run, in SI units.
 
-    times: (T,) [s], ascending, 0 at the release if there is one; readings: (T, N), quantity "theta" [rad] or "x" [m,
-    from each bob's rest position], nan where missing; release: how it began, if known; delta: δ, one number or one
-    per gap, that of the cradle where omitted; noise: 1 sigma [rad or m], to be inferred where omitted; fit_from,
-    fit_to [s]: data before are not used, later ones held out; the whole where omitted. state: "release" (starts
-    from rest as stated) or "free" (initial state inferred at fit_from); rest: "known", or "free" (an offset of each
-    bob is inferred). unit, scale: that of the readings in the file and its SI value; lines: (T, N), where each
-    reading stands in the file, if there is one, 0 for none.
+    Parameters
+    ----------
+    times : ndarray of shape (T,)
+        Times [s], ascending, 0 at the release if there is one.
+    readings : ndarray of shape (T, N)
+        Angles [rad], or displacements from each bob's rest position [m]; nan where missing.
+    quantity : {"theta", "x"}
+        Angles or displacements.
+    release : ReleaseInfo, optional
+        How the run began; required with state="release".
+    delta : float or tuple of float, optional
+        δ, one number or one per gap; in an `Experiment`, that of the cradle if omitted.
+    noise : float, optional
+        Standard deviation of one reading [rad or m]; inferred if omitted.
+    fit_from : float, optional
+        Earlier readings are not used [s]; the first reading if omitted.
+    fit_to : float, optional
+        Later readings are held out: never fitted, only predicted [s].
+    state : {"release", "free"}
+        "release": the run starts from rest as `release` states. "free": the state at `fit_from` is inferred.
+    rest : {"known", "free"}
+        "free": an offset of each bob's readings is inferred.
+    file : str
+        Name of the data file.
+    unit : str
+        Unit of the readings in the file.
+    scale : float
+        SI value of that unit.
+    lines : ndarray of int, shape (T, N), optional
+        Line of each reading in the file; 0 if it has none.
+
+    Raises
+    ------
+    ValueError
+        If arrays do not match, times do not ascend, or no reading can be fitted.
     """
 
     times: np.ndarray
@@ -155,38 +216,38 @@ class Run:
                 f"{window} leaves no usable rows:"
                 f" the readings of {self.file} lie between {seen[0]:g} and {seen[-1]:g} s; widen the window"
             )
-        object.__setattr__(self, "fit_from", max(start, float(seen[0])))  # from there on there is something to fit
+        object.__setattr__(self, "fit_from", max(start, float(seen[0])))  # the first reading that can be fitted
 
     @property
     def duration(self) -> float:
-        """From where its simulations begin to its last reading [s]."""
+        """Time from the start of a simulation of the run to its last reading [s]."""
         return max(float(self.times[-1]) - (self.fit_from if self.state == "free" else 0.0), 0.0)
 
     @property
     def fitted(self) -> np.ndarray:
-        """Which rows may be fitted, (T,) of bool: from fit_from to fit_to, with a reading."""
+        """Rows that may be fitted, (T,) of bool: from `fit_from` to `fit_to`, with at least one reading."""
         end = math.inf if self.fit_to is None else self.fit_to
         return (self.times >= self.fit_from) & (self.times <= end) & ~np.isnan(self.readings).all(axis=1)
 
     @property
     def held_out(self) -> np.ndarray:
-        """Which rows lie beyond fit_to, (T,) of bool; none where it is not stated."""
+        """Rows after `fit_to` with at least one reading, (T,) of bool; none if `fit_to` is omitted."""
         end = math.inf if self.fit_to is None else self.fit_to
         return (self.times > end) & ~np.isnan(self.readings).all(axis=1)
 
     def place(self, row: int, bob: int) -> str:
-        """Where a bob's reading in a row stands in the file, or another bob's where it has none."""
+        """Line of a bob's reading in the file as text, that of another bob in the row if it has none; else the row."""
         if self.lines is None:
             return f"row {row + 1}"
         return f"line {self.lines[row, bob] or self.lines[row].max()}"
 
     def angles(self, cradle: Cradle) -> np.ndarray:
-        """The readings as angles [rad], (T, N): as far as the strings reach."""
+        """Readings as angles [rad], (T, N); displacements beyond the length of the strings become ±π/2."""
         return self.readings if self.quantity == "theta" else np.arcsin(np.clip(self.readings / cradle.length, -1, 1))
 
     @property
     def bobs_seen(self) -> tuple[int, ...]:
-        """Numbers of the bobs with at least one reading that is fitted or held out."""
+        """Numbers of the bobs that have at least one reading to fit or to hold out."""
         used = self.readings[self.fitted | self.held_out]
         return tuple(int(i) + 1 for i in np.flatnonzero(~np.isnan(used).all(axis=0)))
 
@@ -198,7 +259,10 @@ INFERABLE = (
 
 
 def check_run(cradle: Cradle, run: Run) -> Run:
-    """The run with its δ, if it fits the cradle and can begin as stated; ValueError otherwise."""
+    """Return the run with its δ filled in.
+
+    Raises ValueError if it does not fit the cradle, if it cannot start as stated, or if one simulation costs too much.
+    """
     if run.readings.shape[1] != cradle.bobs:
         raise ValueError(f"readings of {run.readings.shape[1]} bobs; the cradle has {cradle.bobs} bobs")
     of_run = cradle if run.delta is None else cradle.replace(delta=run.delta)
@@ -209,7 +273,7 @@ def check_run(cradle: Cradle, run: Run) -> Run:
 
 
 def check_prior(cradle: Cradle, name: str, prior: Prior) -> None:
-    """Refuses the prior of something that cannot be inferred, or one that reaches impossible values."""
+    """Raise ValueError for a prior of a name that cannot be inferred, or one that allows impossible values."""
     parameters = {f"{e.name}.{p.key}": p for e in cradle.composition for p in e.parameters}
     if name not in INFERABLE and name not in parameters:
         stated = ParameterName.parse(name)

@@ -1,4 +1,4 @@
-"""A first experiment.toml for a data file: guesses from the data, each with what to check."""
+"""Write a first experiment.toml for a data file: each entry is a guess from the data, with a comment what to check."""
 
 from __future__ import annotations
 
@@ -22,15 +22,22 @@ from identification.storage.files import ExperimentError, write_together
 from identification.storage.lock import check_folder
 from identification.storage.toml_table import toml_text
 
-#: How a data file begins that was written here, and may be overwritten.
+#: First characters of a data file that this module wrote and may overwrite.
 _MARK = "# Written by cradle new"
-#: How well the first rows tell an angle [rad], and the part of itself by which a guessed length is off, without and
-#: with a period that was seen; 1 sigma.
-_ANGLE_SD, _LENGTH_SD, _PERIOD_SD = 0.002, 0.5, 0.03
-#: Parts of its way to rest that a bob has gone while it still counts as held, and once it surely swings; and how many
-#: times as long as from one to the other it may take to the first if it is let go at once: on a cosine 0.76.
-_STILL, _SWINGS, _AT_ONCE = 0.1, 0.5, 1.5
-#: Times [s] nearer 0 than this are those of the release.
+#: Standard deviation of a release angle read from the first rows [rad].
+_ANGLE_SD = 0.002
+#: Standard deviation of a guessed length, as a part of it.
+_LENGTH_SD = 0.5
+#: Standard deviation of a length computed from the period, as a part of it.
+_PERIOD_SD = 0.03
+#: Part of the way to its rest position up to which a bob counts as held.
+_STILL = 0.1
+#: Part of the way to its rest position from which on a bob certainly swings.
+_SWINGS = 0.5
+#: A bob was held first if it took more than this many times as long to `_STILL` as from there to `_SWINGS`. A bob
+#: released at t = 0 takes 0.76 times as long, on a cosine.
+_AT_ONCE = 1.5
+#: Times within this of 0 [s] are those of the release.
 _NOW = 0.05
 
 
@@ -43,19 +50,39 @@ def scaffold(
     mirror: bool = False,
     report: Callable[[str], None] = lambda line: None,
 ) -> Path:
-    """Writes an experiment.toml for a data file, beside it or at `out`, that loads at once; its path.
+    """Write an experiment.toml for a data file. It can be loaded at once, but each entry should be checked.
 
-    out: a folder, made if need be, or a file that ends in .toml. In another folder the data go along, for an
-    experiment names no file outside its own folder. Data that are not in the strict form go into a new file in that
-    form, in SI units; theirs stays as it is. columns: what is known of the columns; mirror: turns the sign of all
-    readings; report: called with each line of what was understood.
+    Parameters
+    ----------
+    data_csv : Path
+        The data. If they are not in the strict form of `csv_file`, they are written into a new file in that form, in
+        SI units; the given file is not changed.
+    out : Path, optional
+        A folder, created if missing, or a file that ends in .toml; the folder of the data if omitted. The data are
+        copied into another folder, since an experiment may only name files in its own folder.
+    overwrite : bool
+        Whether to replace existing files.
+    columns : Columns, optional
+        Which columns to read, and their units; determined from the labels if omitted.
+    mirror : bool
+        Whether to change the sign of all readings.
+    report : callable
+        Called with each line about how the data were read.
 
-    Raises ExperimentError if the data are unusable, or if a file exists and overwrite is not set.
+    Returns
+    -------
+    Path
+        That of the experiment.toml.
+
+    Raises
+    ------
+    ExperimentError
+        If the data are unusable, or if a file exists and `overwrite` is not set.
     """
     data_csv = Path(data_csv)
     path = data_csv.parent / FILE_NAME if out is None else Path(out)
     if path.resolve() == data_csv.resolve():
-        raise ExperimentError(f"{path}: these are the data; name another file for what describes them")
+        raise ExperimentError(f"{path}: this is the data file; name another file for the experiment.toml")
     if path.suffix != ".toml":
         check_folder(path)
         path = path / FILE_NAME
@@ -66,7 +93,7 @@ def scaffold(
         raise ExperimentError(f"{data_csv}: holds no reading at all; each row needs a value or more")
     if not data_csv.name.isprintable():
         raise ExperimentError(f"{data_csv.name!r}: this name cannot be written into a file; rename the data")
-    for line in (*table.understood, *(["the signs of all readings are turned (--mirror)"] if mirror else [])):
+    for line in (*table.understood, *(["the signs of all readings are changed (--mirror)"] if mirror else [])):
         report(line)
     recording = mirror_signs(table.recording) if mirror else table.recording
     strict = table.strict and not mirror
@@ -81,7 +108,7 @@ def scaffold(
 
 
 def _files(recording: Recording, data_csv: Path, strict: bool, understood: Sequence[str]) -> tuple[str, str, bytes]:
-    """The experiment.toml, and the name and content of the data beside it."""
+    """Format the experiment.toml; return it with name and content of its data file."""
     if strict:
         return scaffold_text(recording, data_csv.name), data_csv.name, recording.data
     name = f"{data_csv.stem}-si.csv"
@@ -91,7 +118,10 @@ def _files(recording: Recording, data_csv: Path, strict: bool, understood: Seque
 
 
 def _check_target(target: Path, data: bytes, overwrite: bool) -> bool:
-    """Whether a file holds these data already; refuses to write over any other, but for one that was written here."""
+    """Return whether a file already holds these data.
+
+    Raises ExperimentError if it holds others, unless this module wrote it and `overwrite` is set.
+    """
     if not target.exists():
         return False
     content = target.read_bytes()
@@ -101,17 +131,20 @@ def _check_target(target: Path, data: bytes, overwrite: bool) -> bool:
 
 
 def _check_experiment(data_csv: Path, recording: Recording, text: str, name: str, data: bytes, mirror: bool) -> None:
-    """Refuses what would not load; signs that are the other way round with the option that turns them."""
+    """Raise ExperimentError if the experiment cannot be loaded, or if the readings are mirrored.
+
+    The message about mirrored readings names the option that changes their signs.
+    """
     turned = mirror_signs(recording)
     turned_csv = csv_text(turned.times, turned.displacements(), turned.quantity)
-    remedy = "leave out --mirror" if mirror else "add --mirror, which turns all signs"
+    remedy = "leave out --mirror" if mirror else "add --mirror, which changes all signs"
     other_way = ExperimentError(
         f"{data_csv}: the readings are mirrored: bobs would pass through each other where positive is towards the last"
         f" bob; {remedy}"
     )
     try:
         Experiment.from_texts({FILE_NAME: text, name: decode(name, data)[0]})
-    except ExperimentError as problem:  # with what is guessed from the data, in a file that is not written
+    except ExperimentError as problem:  # its place is in a file that is not yet written
         try:
             Experiment.from_texts({FILE_NAME: scaffold_text(turned, name), name: turned_csv})
         except ExperimentError:
@@ -123,14 +156,14 @@ def _check_experiment(data_csv: Path, recording: Recording, text: str, name: str
 
 
 def scaffold_text(recording: Recording, file: str) -> str:
-    """The experiment.toml for a recording in a file of that name."""
+    """Format an experiment.toml for a recording in a file of that name."""
     bobs = recording.readings.shape[1]
     default = Cradle(bobs=bobs)
     moved = recording.displacements()
     widest = float(np.max(np.abs(moved), initial=0.0, where=~np.isnan(moved)))
     length, length_sd, known_by = _guess_length(recording, widest, default.length)
     lifted, before = _find_lifted_bobs(recording, moved, widest), recording.times < -_NOW
-    if lifted and before.any():  # what follows is of the motion
+    if lifted and before.any():  # keep only the motion
         recording, moved = dataclasses.replace(
             recording, times=recording.times[~before], readings=recording.readings[~before],
             lines=recording.lines[~before],
@@ -146,7 +179,7 @@ def scaffold_text(recording: Recording, file: str) -> str:
     rest = "free" if recording.absolute else "known"
     unit = recording.unit
     first = max(0.0, recording.times[0]) if angles else recording.times[0]
-    fit_from = f"# fit_from = {first:g}  # s; earlier data are not used: a messy release, say"
+    fit_from = f"# fit_from = {first:g}  # s; earlier data are not used, for example a messy release"
     if held is not None or (angles and before.any()):
         fit_from = f"fit_from = {0.0 if held is None else held[1]:g}  # s; earlier data are not used: the bobs are held"
     lines = [
@@ -154,7 +187,7 @@ def scaffold_text(recording: Recording, file: str) -> str:
         "",
         "# What is known of the cradle, in SI units. Every entry is a guess: check it.",
         "[cradle]",
-        f"bobs = {bobs}  # the highest bob in the data; count those that were not seen too",
+        f"bobs = {bobs}  # the highest bob in the data; count also bobs that were not seen",
         f"length = {length:g}  # m, from the pivot to the centre of a bob; {known_by}measure it",
         f"pivot_half_spacing = {default.pivot_half_spacing:g}  # m, half the distance between a bob's two pivots",
         f"mass = {default.mass:g}  # kg, of one bob; weigh it",
@@ -176,7 +209,7 @@ def scaffold_text(recording: Recording, file: str) -> str:
         f"# fit_to = {recording.times[-1]:g}  # s; later data are held out, to test predictions on",
         f'rest = "{rest}"  # "free" if the rest position of each bob in the file is uncertain',
         "",
-        "# Unknowns beside k_f, kappa and b; take out the # of what was not measured well.",
+        "# Unknowns beside k_f, kappa and b; remove the # of those that were not measured well.",
         "[infer]",
         f"# length = {{ mean = {length:g}, sd = {(length_sd if known_by else 0.01) * length:.2g} }}",
         "# delta = { low = -0.01, high = 0.01 }",
@@ -186,20 +219,23 @@ def scaffold_text(recording: Recording, file: str) -> str:
 
 
 def _guess_length(recording: Recording, widest: float, default: float) -> tuple[float, float, str]:
-    """A length [m], the part of it by which it may be off, and what tells it: the period, if a swing is seen."""
+    """Guess the length [m], its relative standard deviation, and a note on its source: the period, if it is known."""
     period = swing_period(recording)
     if period is not None:
         length = float(f"{pendulum_length(period):.3g}")
         steepest = widest if recording.quantity == "theta" else widest / length
-        if steepest < 2.0:  # else the period says little of the length
+        if steepest < 2.0:  # beyond, the period depends too much on the amplitude
             off = _PERIOD_SD + 0.2 * period / float(np.ptp(recording.times)) + steepest**2 / 16.0
             return length, off, f"by the period, {period:.3g} s; "
     return max(default, math.ceil(150.0 * widest) / 100.0 if recording.quantity == "x" else 0.0), _LENGTH_SD, ""
 
 
 def _find_lifted_bobs(recording: Recording, moved: np.ndarray, widest: float) -> dict[int, float]:
-    """{bob: first reading} of those at rest far out when the run begins, at t = 0, and held there before; empty if it
-    was not seen to begin."""
+    """Find the bobs that are released at t = 0, with their first readings: {bob: reading}.
+
+    A lifted bob starts at the widest swing and was at the same place before. Empty if the recording does not contain
+    the release.
+    """
     since = int(np.searchsorted(recording.times, -_NOW))
     if widest == 0.0 or since == len(recording.times) or recording.times[since] > _NOW:
         return {}
@@ -217,8 +253,11 @@ def _find_lifted_bobs(recording: Recording, moved: np.ndarray, widest: float) ->
 
 
 def _find_release(recording: Recording, moved: np.ndarray, lifted: Iterable[int]) -> tuple[float, float] | None:
-    """When bobs that are held at first begin to move, and the first row in which they all do [s]; None if they are let
-    go at once, or not at all. The time scale is that of the fall itself: the length is a guess."""
+    """Find when bobs that are held at first begin to move, and the first row in which they all move [s].
+
+    The time scale is taken from the fall itself, since the length is a guess. None if the bobs are released at t = 0,
+    or not at all.
+    """
     found = []
     for bob in lifted:
         seen = ~np.isnan(moved[:, bob - 1])
@@ -239,27 +278,27 @@ def _find_release(recording: Recording, moved: np.ndarray, lifted: Iterable[int]
 def _angle_uncertainty(
     recording: Recording, lifted: Mapping[int, float], length: float, length_sd: float
 ) -> tuple[float, str]:
-    """How well the release angle is known [rad], and what to tell of it."""
+    """Standard deviation of the release angle [rad], and a comment on it."""
     if recording.quantity != "x" or not lifted:
         return _ANGLE_SD, "from the first rows; check"
     bob, x = max(lifted.items(), key=lambda item: abs(item[1]))
     column, off, of_rest = recording.readings[:, bob - 1], 0.0, ""
-    if recording.absolute:  # the rest lies between the median and the middle, that of bobs that swing alone
+    if recording.absolute:  # the rest position is between the median and, of a bob that swings alone, the middle
         off = abs(0.5 * float(np.nanmin(column) + np.nanmax(column)) - float(np.nanmedian(column)))
-        of_rest = ", x is counted from the median, which is not quite its rest"
+        of_rest = ", x is relative to the median, which differs from the rest position"
     slope = 1.0 / math.sqrt(max(1.0 - (x / length) ** 2, 0.01)) / length
     then = math.hypot(_ANGLE_SD, off * slope)
-    told = (
-        f"from the first rows: asin({x:.4g} m / length), as uncertain as length is while it is a guess;"
-        f" state both anew once it is measured, angle_sd = {then:.1g} then{of_rest}"
+    comment = (
+        f"from the first rows: asin({x:.4g} m / length), as uncertain as the guessed length;"
+        f" once length is measured, correct angle and write angle_sd = {then:.1g}{of_rest}"
     )
-    return math.hypot(then, length_sd * x * slope), told
+    return math.hypot(then, length_sd * x * slope), comment
 
 
 def _release_lines(
-    angles: Mapping[int, float], bobs: int, angle_sd: float, told: str, held: tuple[float, float] | None
+    angles: Mapping[int, float], bobs: int, angle_sd: float, comment: str, held: tuple[float, float] | None
 ) -> list[str]:
-    """The release and the state from which a run starts."""
+    """Format the release and the state from which a run starts."""
     if not angles:
         return [
             "# release = { bobs = 1, angle = 0.2, angle_sd = 0.001 }  # rad; the data do not begin with a release",
@@ -271,7 +310,7 @@ def _release_lines(
         which = f"bobs = {len(angles)}, angle = {np.mean(values):.4g}"
     else:
         which = "angles = { " + ", ".join(f"{bob} = {angle:.4g}" for bob, angle in angles.items()) + " }"
-    release = f'release = {{ {which}, angle_sd = {angle_sd:.2g}, start = "unstretched" }}  # rad, {told}'
+    release = f'release = {{ {which}, angle_sd = {angle_sd:.2g}, start = "unstretched" }}  # rad, {comment}'
     states = '"free": the initial state is inferred, at fit_from; "release": starts at t = 0, at rest, as stated'
     if held is None:
         return [release, f'state = "release"  # {states}']

@@ -1,4 +1,4 @@
-"""Which column of a table is the time, and which are bobs: by the meaning of the labels, or as the user says."""
+"""Find the columns of time and bobs in a table, by the meaning of their labels or as the user states."""
 
 from __future__ import annotations
 
@@ -20,19 +20,36 @@ from identification.experiment.column_meaning import (
 )
 from identification.storage.files import ExperimentError
 
-#: Columns that a message names at most, and bobs of a cradle.
-_NAMED, _MOST_BOBS = 8, 200
+#: Most columns that a message names.
+_NAMED = 8
+#: Most bobs of a cradle.
+_MOST_BOBS = 200
 
 
 @dataclass(frozen=True)
 class Columns:
-    """What the user says of a table; all that is left out is taken from its labels.
+    """What the user states about the columns of a table; the rest is determined from the labels.
 
-    time: the label of the column of time; bobs: that of each bob's column, by its number, if given the only bobs that
-    are read; units: of the times or of the readings, whatever the file says, as "deg" or "0.44 mm" (of pixels of that
-    size); rate: frames per second [1/s], where a column counts frames in place of a time.
+    Parameters
+    ----------
+    time : str, optional
+        Label of the column of time.
+    bobs : mapping of int to str
+        Label of each bob's column, by its number, from 1. If given, only these columns are read.
+    units : sequence of str
+        Unit of the times, of the readings, or both; they override those in the file. "0.44 mm" is the size of a pixel.
+    rate : float, optional
+        Frames per second [1/s], for a table with a column of frame numbers instead of times.
 
-    Raises ValueError for a unit or a rate that cannot be.
+    Raises
+    ------
+    ValueError
+        If a unit is unknown, or if a number is out of range.
+
+    Examples
+    --------
+    >>> Columns(time="clock", bobs={1: "left"}, units=("deg",)).reading_unit
+    'deg'
     """
 
     time: str | None = None
@@ -64,16 +81,28 @@ class Columns:
 
     @property
     def any(self) -> bool:
-        """Whether the user says anything."""
+        """Whether the user states anything."""
         return self != Columns()
 
 
 @dataclass(frozen=True)
 class ColumnAssignment:
-    """The columns that are read, by their place in a row.
+    """The columns to read, by their index in a row.
 
-    clock: that of the time, and clock_unit, None where none is stated, "frame" where it counts frames; bobs:
-    {number: (place, unit or None)}; quantity: "theta" or "x"; ignored: the places of all others.
+    Parameters
+    ----------
+    clock : int
+        Index of the column of time.
+    clock_unit : str, optional
+        Unit of the times; "frame" if the column has frame numbers; None if no unit is stated.
+    bobs : dict of int to (int, str or None)
+        Index and unit of each bob's column, by number of the bob.
+    quantity : {"theta", "x"}
+        Angles or displacements.
+    ignored : tuple of int
+        Indices of all other columns.
+    notes : tuple of str
+        Further remarks for the user.
     """
 
     clock: int
@@ -85,9 +114,27 @@ class ColumnAssignment:
 
 
 def assign_columns(at: str, labels: Sequence[str], units: Sequence[str | None], columns: Columns) -> ColumnAssignment:
-    """The columns of a table with these labels, and units in a row below them; `at` begins messages.
+    """Assign columns to time and bobs.
 
-    Raises ExperimentError if none is of time or of a bob, or if two could be.
+    Parameters
+    ----------
+    at : str
+        File and line, with which errors begin.
+    labels : sequence of str
+        Labels of the columns.
+    units : sequence of str or None
+        Units of the columns, from a row below the labels.
+    columns : Columns
+        What the user states.
+
+    Returns
+    -------
+    ColumnAssignment
+
+    Raises
+    ------
+    ExperimentError
+        If there is no column of time or of a bob, or if two columns could be the same.
     """
     meanings = [_with_unit(parse_label(label), unit) for label, unit in zip(labels, units, strict=True)]
     bare = [_with_unit(parse_label_unit(label), unit) for label, unit in zip(labels, units, strict=True)]
@@ -100,7 +147,7 @@ def assign_columns(at: str, labels: Sequence[str], units: Sequence[str | None], 
 
 
 def _with_unit(meaning: Meaning | None, unit: str | None) -> Meaning | None:
-    """The meaning with the unit of the row of units, where the label states none."""
+    """Add the unit from the row of units to a meaning, unless the label states one."""
     if meaning is None or unit is None or meaning.unit is not None:
         return meaning
     quantity = QUANTITY_OF.get(unit, "")
@@ -110,7 +157,7 @@ def _with_unit(meaning: Meaning | None, unit: str | None) -> Meaning | None:
 
 
 def find_column(at: str, labels: Sequence[str], name: str) -> int:
-    """The place of the column that the user names; ExperimentError if there is none, or more than one."""
+    """Find the index of the column that the user names. Raises ExperimentError unless there is exactly one."""
     places = [i for i, label in enumerate(labels) if label == name] or [
         i for i, label in enumerate(labels) if same_label(label, name)
     ]
@@ -122,7 +169,7 @@ def find_column(at: str, labels: Sequence[str], name: str) -> int:
 
 
 def quote_labels(labels: Sequence[str]) -> str:
-    """Labels as a message shows them."""
+    """Format labels for a message."""
     shown = [f'"{one_line(label)[1:-1]}"' for label in labels if label]
     more = f" and {len(shown) - _NAMED} more" if len(shown) > _NAMED else ""
     return ", ".join(shown[:_NAMED]) + more
@@ -183,7 +230,7 @@ def _find_bobs(
     clock: int,
     columns: Columns,
 ) -> tuple[dict[int, tuple[int, str | None]], str, list[str]]:
-    """{number: (place, unit)}, the quantity, and what else was understood."""
+    """Find {number: (index, unit)} of the bobs, the quantity, and remarks for the user."""
     stated = columns.reading_unit
     places: dict[int, int] = {}
     if columns.bobs:
@@ -194,7 +241,7 @@ def _find_bobs(
         candidates = list(zip(places.values(), chosen, strict=True))
     else:
         candidates = [(i, m) for i, m in enumerate(meanings) if i != clock and m and m.quantity not in ("t", "frame")]
-        if any(m.quantity for _, m in candidates):  # then what says no quantity is something else, as a mass
+        if any(m.quantity for _, m in candidates):  # then a label without a quantity is something else, such as a mass
             candidates = [(i, m) for i, m in candidates if m.quantity]
     if not candidates:
         raise ExperimentError(
@@ -238,7 +285,7 @@ def _find_bobs(
 
 
 def _choose_quantity(at: str, labels: Sequence[str], candidates: Sequence[tuple[int, Meaning]]) -> str:
-    """Angles or displacements, whichever more bobs have; angles if as many have both."""
+    """Choose angles or displacements, whichever more bobs have; angles if equally many have both."""
     count = Counter(m.quantity for _, m in candidates)
     if not count["theta"] and not count["x"]:
         raise ExperimentError(
@@ -251,7 +298,7 @@ def _choose_quantity(at: str, labels: Sequence[str], candidates: Sequence[tuple[
 def _number_bobs(
     at: str, labels: Sequence[str], candidates: list[tuple[int, Meaning]]
 ) -> tuple[list[tuple[int, Meaning]], list[str]]:
-    """Candidates with a number each, from 1."""
+    """Give each candidate the number of a bob, from 1."""
     bare = [i for i, m in candidates if m.bob is None]
     if len(bare) > 1 or (bare and len(candidates) > 1):
         raise ExperimentError(

@@ -1,7 +1,7 @@
-"""Tables of motion as programs and people write them, and what was understood of each.
+"""Read tables of motion in the many forms that programs and people write.
 
-`Experiment.load` reads the strict form alone (`csv_file`). `cradle new` reads more with `read_table`: it says what it
-took for what, and writes the strict form.
+`Experiment.load` reads only the strict form (`csv_file`). `cradle new` reads other forms with `read_table`, reports how
+it read them, and writes the strict form.
 """
 
 from __future__ import annotations
@@ -26,21 +26,30 @@ from identification.experiment.text_encoding import decode
 from identification.experiment.tracker_file import is_tracker, read_tracker
 from identification.storage.files import ExperimentError, read_bytes
 
-#: Delimiters in the order in which they are tried; " " stands for any white space.
+#: Delimiters in the order in which they are tried; " " means any white space.
 _DELIMITERS = ("\t", ";", ",", "|", " ")
-#: Lines with content among which the header is looked for.
+#: Number of lines with content that may be the header.
 _TOP = 50
-#: Columns that are told.
+#: Most columns that are reported.
 _SHOWN = 10
-#: What stands for a missing reading, in lower case.
+#: Words for a missing reading, in lower case.
 _MISSING = frozenset(["", "nan", "na", "n/a", "#n/a", "null", "none", "-", "--", "?", "missing"])
 _NUMBER = re.compile(r"[-+\u2212]?[.,]?\d.*")
 
 
 @dataclass(frozen=True)
 class Table:
-    """What was read: a Recording, its data the file as it is; what was understood, a line each; strict: the file is in
-    the strict form, and may stand in an experiment as it is."""
+    """A table that was read.
+
+    Parameters
+    ----------
+    recording : Recording
+        The content.
+    understood : tuple of str
+        How the table was read, a line each.
+    strict : bool
+        Whether the file is in the strict form, so that an experiment can name it.
+    """
 
     recording: Recording
     understood: tuple[str, ...]
@@ -49,7 +58,7 @@ class Table:
 
 @dataclass(frozen=True)
 class _Header:
-    """The line of the labels, from 0, and that of their units, None where there is none."""
+    """The line of the labels, from 0, and the line of their units, if there is one."""
 
     line: int
     delimiter: str
@@ -59,11 +68,24 @@ class _Header:
 
 
 def read_table(path: Path, columns: Columns | None = None) -> Table:
-    """Reads a table of motion: any encoding, delimiter and order of rows, columns by meaning or as `columns` says.
+    """Read a table of motion in any common encoding, with any delimiter and order of rows.
 
-    Units that are not stated, and cannot be the default ones, are told from the readings and the period of the swing.
+    Parameters
+    ----------
+    path : Path
+        The file.
+    columns : Columns, optional
+        Which columns to read, and their units; determined from the labels if omitted. A unit that nobody states is
+        the default one or, if that is impossible, follows from the readings and the period of the swing.
 
-    Raises ExperimentError, one line, if the file is unusable or can be read in two ways; it says what settles that.
+    Returns
+    -------
+    Table
+
+    Raises
+    ------
+    ExperimentError
+        If the file is unusable or ambiguous; the message names the option that resolves the ambiguity.
     """
     columns = columns or Columns()
     data = read_bytes(path)
@@ -77,25 +99,25 @@ def read_table(path: Path, columns: Columns | None = None) -> Table:
         ]
     else:
         recording, understood, stated = _read_columns(path.name, lines, data, columns)
-    changed, told = resolve_units(recording, stated, columns)
-    understood = [*([] if encoding == "UTF-8" else [f"encoding: {encoding}"]), *understood, *told]
+    changed, changes = resolve_units(recording, stated, columns)
+    understood = [*([] if encoding == "UTF-8" else [f"encoding: {encoding}"]), *understood, *changes]
     if changed is recording and encoding == "UTF-8" and not columns.any:
         try:
             return Table(parse_recording(path.name, text, data), tuple(understood), True)
         except ExperimentError:
-            pass  # not strict: that is what this reader is for
+            pass  # not in the strict form
     return Table(changed, tuple(understood), False)
 
 
 def mirror_signs(recording: Recording) -> Recording:
-    """The recording seen from the other side: the signs of all readings are turned."""
+    """Change the sign of all readings, as for a camera on the other side."""
     return dataclasses.replace(recording, readings=-recording.readings)
 
 
 def _read_columns(
     name: str, lines: list[str], data: bytes, columns: Columns
 ) -> tuple[Recording, list[str], StatedUnits]:
-    """The recording in SI units, what was understood, and the units that are stated, of time and of the readings."""
+    """Read the recording in SI units; return it with remarks for the user and the units that the file states."""
     header = _find_header(name, lines, columns)
     used = header.assigned
     places = [used.clock, *(place for place, _ in used.bobs.values())]
@@ -119,7 +141,7 @@ def _read_columns(
 
 
 def _find_header(name: str, lines: list[str], columns: Columns) -> _Header:
-    """The first line that names a time and a bob, or all columns that the user names; else the likeliest."""
+    """Find the first line with labels of a time and a bob, or with all labels of the user; else the likeliest line."""
     content = [i for i, line in enumerate(lines) if is_content(line)]
     if not content:
         raise ExperimentError(f"{name}, line 1: empty; it needs a header line such as t [s],theta_1 [rad] and rows")
@@ -127,7 +149,7 @@ def _find_header(name: str, lines: list[str], columns: Columns) -> _Header:
     first = re.split(r"[\t;,|\s]", lines[content[0]].strip())[0].strip('"')
     numbers_first = _NUMBER.fullmatch(first) is not None
     top = content[:_TOP]
-    if numbers_first:  # as NumPy writes it, behind a #
+    if numbers_first:  # NumPy writes the header as a comment
         top = [i for i, line in enumerate(lines[: content[0]]) if line.strip("# \t")] or top
     best: tuple[tuple[bool, int], int, str, list[str]] = ((False, -1), 0, "", [])
     for i in top:
@@ -153,14 +175,14 @@ def _find_header(name: str, lines: list[str], columns: Columns) -> _Header:
 
 
 def _score_labels(labels: Sequence[str], wanted: Sequence[str]) -> tuple[bool, int]:
-    """Whether labels name all that is wanted, else a time and a bob; and how many they name."""
+    """Whether the labels contain all wanted ones (a time and a bob if none are wanted), and how many of them."""
     found = [any(same_label(label, name) for label in labels) for name in wanted]
     kinds = [meaning.quantity in ("t", "frame") for label in labels if (meaning := parse_label(label))]
     return all(found) if wanted else any(kinds) and not all(kinds), 2 * sum(found) + len(kinds)
 
 
 def _split_labels(line: str, delimiter: str) -> list[str]:
-    """The labels of a header line; between white space a unit in brackets belongs to what stands before."""
+    """Split a header line into labels. With white space as delimiter, a unit in brackets belongs to the word before."""
     labels = re.split(r"\s+(?![\[(])", line.strip()) if delimiter == " " else _split_fields(line, delimiter)
     while len(labels) > 1 and not labels[-1]:
         labels.pop()
@@ -168,7 +190,7 @@ def _split_labels(line: str, delimiter: str) -> list[str]:
 
 
 def _split_fields(line: str, delimiter: str) -> list[str]:
-    """The fields of a line without their quotes."""
+    """Split a line into fields without quotes."""
     if delimiter == " ":
         return line.split()
     if '"' not in line:
@@ -182,7 +204,7 @@ def _split_fields(line: str, delimiter: str) -> list[str]:
 
 
 def _read_units(line: str, delimiter: str, width: int) -> list[str | None] | None:
-    """The unit of each column from a row of units; None if this is no such row."""
+    """Read the unit of each column from a row of units; None if the line is no such row."""
     fields = _split_fields(line, delimiter)
     units = [find_unit(field) for field in fields]
     if not any(units) or len(fields) > width or any(_NUMBER.fullmatch(field) for field in fields):
@@ -191,7 +213,7 @@ def _read_units(line: str, delimiter: str, width: int) -> list[str | None] | Non
 
 
 def _read_numbers(name: str, lines: list[str], header: _Header, places: Sequence[int]) -> tuple[np.ndarray, np.ndarray]:
-    """The fields at these places as numbers (T, columns), nan where missing, and the line of each row (T,)."""
+    """Read the fields at these places: numbers (T, columns), nan where missing, and the line of each row (T,)."""
     width, numbers, rows = len(header.labels), [], []
     first = header.line if header.units_line is None else header.units_line
     for i in range(first + 1, len(lines)):
@@ -219,7 +241,7 @@ def _read_numbers(name: str, lines: list[str], header: _Header, places: Sequence
 
 
 def _parse_number(field: str) -> float:
-    """A field as a number, with a decimal point or comma; nan if it says that the value is missing."""
+    """Parse a field with a decimal point or comma; nan for a word that means a missing value."""
     if field.lower() in _MISSING:
         return math.nan
     if "_" in field:  # Python reads 1_5 as 15
@@ -240,7 +262,10 @@ def _not_a_number(at: str, fields: Sequence[str], labels: Sequence[str], places:
 
 
 def _check_width(at: str, fields: Sequence[str], labels: Sequence[str], places: Sequence[int]) -> None:
-    """Refuses a row with more or fewer fields than columns, but for a comment with delimiters in it at its end."""
+    """Raise ExperimentError for a row with more or fewer fields than columns.
+
+    A comment with delimiters in the last column is allowed.
+    """
     width = len(labels)
     if len(fields) > width and width - 1 not in places and not _NUMBER.fullmatch(fields[width - 1]):
         return
@@ -251,7 +276,7 @@ def _check_width(at: str, fields: Sequence[str], labels: Sequence[str], places: 
 
 
 def _describe_columns(header: _Header) -> list[str]:
-    """What the columns are, in words."""
+    """Say in words what each column is."""
     used, labels = header.assigned, header.labels
     units = used.clock_unit if used.clock_unit != "frame" else "frames"
     found = [f"t {f'[{units}] ' if units else ''}is {quote_labels([labels[used.clock]])}"]

@@ -1,4 +1,4 @@
-"""Text in the encodings that spreadsheets and instruments write."""
+"""Decode text in the encodings that spreadsheets and instruments write."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import codecs
 
 from identification.storage.files import ExperimentError
 
-#: Byte order marks with the codec of each; that of UTF-32 begins like that of UTF-16.
+#: Byte order marks and their codecs. UTF-32 is first, since its mark begins with that of UTF-16.
 _MARKS = (
     (codecs.BOM_UTF8, "utf-8-sig"),
     (codecs.BOM_UTF32_LE, "utf-32"),
@@ -14,19 +14,19 @@ _MARKS = (
     (codecs.BOM_UTF16_LE, "utf-16"),
     (codecs.BOM_UTF16_BE, "utf-16"),
 )
-#: First bytes of workbooks: zipped ones (xlsx, ods) and those of old Excel (xls).
+#: First bytes of workbooks: zipped (xlsx, ods) and old Excel (xls).
 _WORKBOOKS = (b"PK\x03\x04", b"\xd0\xcf\x11\xe0")
-#: Bytes that are looked at for the zeros of UTF-16 without a mark.
+#: Number of bytes that are searched for the zeros of UTF-16 without a mark.
 _SAMPLE = 1000
 
 
 def decode(name: str, data: bytes) -> tuple[str, str]:
-    r"""The text of a file, with lines ended by \n, and the name of its encoding.
+    r"""Decode the bytes of a file; return the text, with lines ended by \n, and the name of the encoding.
 
-    A byte order mark decides; else zeros in every second byte mean UTF-16; else it is UTF-8 if valid, and Windows-1252
-    (Latin-1) otherwise.
+    The encoding is that of the byte order mark, if there is one; UTF-16 if every second byte is zero; UTF-8 if the
+    bytes are valid UTF-8; and Windows-1252 (Latin-1) otherwise.
 
-    Raises ExperimentError for workbooks and other files that are no text.
+    Raises ExperimentError for workbooks and other binary files.
 
     >>> decode("run.csv", "θ [°]".encode("utf-16"))
     ('θ [°]', 'UTF-16')
@@ -50,7 +50,7 @@ def _decode(data: bytes) -> tuple[str, str]:
 
 
 def _utf_16_without_mark(data: bytes) -> str | None:
-    """UTF-16 of mostly ASCII characters has zeros in every second byte."""
+    """Recognize UTF-16 of mostly ASCII characters by its zeros in every second byte."""
     sample = data[:_SAMPLE]
     even, odd = sample[::2].count(0), sample[1::2].count(0)
     if odd > 0.4 * len(sample) and even == 0:

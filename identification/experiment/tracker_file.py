@@ -1,4 +1,4 @@
-"""Exports of the Tracker video-analysis program (https://opensourcephysics.github.io/tracker-website).
+"""Read exports of the Tracker video-analysis program (https://opensourcephysics.github.io/tracker-website).
 
 A line with the name of each mass, then a line of column names, then rows, separated by tabs:
 
@@ -7,7 +7,7 @@ A line with the name of each mass, then a line of column names, then rows, separ
     0.0     0.1     0.2            t        x       y       x       y
                                    0.0      0.1     0.2     0.3     0.2
 
-Several such tables may follow one another. Of each mass the column x is used.
+Several such tables may follow one another. Only the column x of each mass is used.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ _LABEL = re.compile(r"(t|x)\s*(?:[\[(]\s*(\S*?)\s*[\])])?", re.ASCII)
 
 
 def is_tracker(lines: Sequence[str]) -> bool:
-    """Whether these are the lines of a Tracker export: a name line before that of the columns."""
+    """Whether the lines are a Tracker export: a line of names precedes the line of columns."""
     top = [line for line in lines[:50] if is_content(line)][:2]
     return any(line.startswith("#multi") for line in lines[:5]) or (
         len(top) == 2 and _kind(split_header(top[0], find_delimiter(top[0]))[0]) != "t" and _is_header(top[1])
@@ -40,7 +40,7 @@ def is_tracker(lines: Sequence[str]) -> bool:
 
 
 def read_tracker(name: str, lines: list[str], bobs: int | None, data: bytes) -> Recording:
-    """The Recording of a Tracker export; the number or letter that ends its name says which bob a mass is."""
+    """Read a Tracker export. The number or letter at the end of a mass's name is the number of the bob."""
     headers = [i for i, line in enumerate(lines) if _is_header(line)]
     tracks: list[tuple[str, str, np.ndarray, np.ndarray, np.ndarray]] = []
     for k, top in enumerate(headers):
@@ -86,7 +86,7 @@ def _is_header(line: str) -> bool:
 def _tracks(
     name: str, lines: list[str], names: str, top: int, end: int
 ) -> list[tuple[str, str, np.ndarray, np.ndarray, np.ndarray]]:
-    """(mass, unit, times [s], x [m], lines) of each mass in one table; a mass may have its own column t."""
+    """Read (mass, unit, times [s], x [m], lines) of each mass in one table; a mass may have its own column t."""
     delimiter = find_delimiter(lines[top])
     labels, masses = split_header(lines[top], delimiter), split_header(names, delimiter)
     table, rows = read_rows(name, lines, range(top + 1, end), labels, delimiter, ragged=True)
@@ -117,7 +117,10 @@ def _unit(at: str, label: str) -> str:
 
 
 def _bob_numbers(masses: list[str]) -> list[int]:
-    """The bob of each mass, from 1: by the numbers, else by the letters A, B, ... that end all names, else in order."""
+    """Number of the bob, from 1, of each mass.
+
+    It is the number at the end of the name; else the letter A, B, ... at its end; else the order, if some have neither.
+    """
     for ending, number in ((r"(?:^|.*\D)(\d{1,6})", int), (r"(?:.*[\s_])?([A-Za-z])", lambda c: ord(c.upper()) - 64)):
         found = [re.fullmatch(ending, mass, re.ASCII) for mass in masses]
         numbers = [number(match[1]) for match in found if match]

@@ -1,4 +1,4 @@
-"""Which readings a model is fitted to, and which are held out to test it."""
+"""Split readings into those that a model is fitted to and those that are held out to test it."""
 
 from __future__ import annotations
 
@@ -9,10 +9,20 @@ from identification.experiment.run import Run
 
 
 def training_rows(experiment: Experiment) -> tuple[list[np.ndarray], list[np.ndarray]]:
-    """(rows to train on, rows held out), one (T,) of bool per run each.
+    """Split the rows of each run into training and held-out rows.
 
-    Held out is what lies beyond fit_to; where no run states it, the last of several runs if nothing of it is unknown
-    but its noise and how exactly it was released, else the last third in time of each.
+    If a run states `fit_to`, later rows are held out. Otherwise the last of several runs is held out, if it starts
+    from a stated release and its rest positions are known. Otherwise the last third in time of each run is held out.
+
+    Parameters
+    ----------
+    experiment : Experiment
+        The runs.
+
+    Returns
+    -------
+    training, held_out : list of ndarray of bool
+        For each run, one array of shape (T,).
     """
     runs = experiment.runs
     if any(run.held_out.any() for run in runs):
@@ -28,6 +38,6 @@ def training_rows(experiment: Experiment) -> tuple[list[np.ndarray], list[np.nda
 
 
 def _end_of_training(run: Run) -> float:
-    """The time [s] at which two thirds of what may be fitted of a run are over."""
+    """Time [s] at which two thirds of the fitted part of a run have passed."""
     seen = run.times[run.fitted]
     return float(seen[0] + 2.0 / 3.0 * (seen[-1] - seen[0]))

@@ -1,4 +1,4 @@
-"""Whether readings can be in the unit that their file states."""
+"""Check whether readings can be in the unit that their file states."""
 
 from __future__ import annotations
 
@@ -11,13 +11,14 @@ from cradle_env.cradle import Cradle
 from identification.experiment.recording import UNITS
 from identification.experiment.run import Run
 
-#: Factors from the stated release beyond which readings must be in another unit: where the first period was seen, and
-#: where the swing may have decayed before anything was.
-_SEEN, _DECAYED = 2.0, 20.0
+#: Largest factor between the readings and the stated release, if the first period was recorded.
+_SEEN = 2.0
+#: The same if it was not recorded, since the swing may have decayed before.
+_DECAYED = 20.0
 
 
 def check_unit(run: Run, cradle: Cradle) -> None:
-    """Refuses (ValueError) angles that no bob reaches, or that are far from the stated release."""
+    """Raise ValueError for angles that no bob can reach, or that are far from the stated release."""
     angles = np.abs(angles_from_rest(run, cradle))
     row, bob = map(int, np.unravel_index(np.nanargmax(angles), angles.shape))
     largest = float(angles[row, bob])
@@ -48,7 +49,10 @@ def check_unit(run: Run, cradle: Cradle) -> None:
 
 
 def readings_from_rest(run: Run, rows: np.ndarray) -> np.ndarray:
-    """Readings (T, N) from where each bob rests, as far as these rows (T,) tell; nan elsewhere."""
+    """Readings (T, N) in the rows (T,), relative to each bob's rest position; nan in other rows.
+
+    A rest position that is to be inferred is estimated by the median of these rows.
+    """
     seen = np.where(rows[:, None], run.readings, np.nan)
     if run.rest == "free":
         known = np.flatnonzero(~np.isnan(seen).all(axis=0))
@@ -57,17 +61,17 @@ def readings_from_rest(run: Run, rows: np.ndarray) -> np.ndarray:
 
 
 def angles_from_rest(run: Run, cradle: Cradle) -> np.ndarray:
-    """`readings_from_rest` of all readings that are used, as angles (T, N) [rad]."""
+    """`readings_from_rest` of all used rows as angles (T, N) [rad]."""
     return dataclasses.replace(run, readings=readings_from_rest(run, run.fitted | run.held_out)).angles(cradle)
 
 
 def _format_angle(angle: float, run: Run) -> str:
-    """An angle as it stands in the file, or, of displacements, as it is."""
+    """Format an angle in the unit of the file; in rad if the file has displacements."""
     return f"{angle / run.scale:.4g} {run.unit}" if run.quantity == "theta" else f"{angle:.4g} rad"
 
 
 def _remedy(run: Run, found: float, low: float, high: float) -> str:
-    """What to do about angles of this size: a unit that would bring them between low and high [rad] is named."""
+    """Say what to do about an angle of this size; name a unit that would bring it between low and high [rad]."""
     for unit, scale in UNITS[run.quantity].items():
         if unit != run.unit and low < found * scale / run.scale < high:
             return f"it looks like {unit}: write [{unit}] in the header of {run.file}"

@@ -89,7 +89,7 @@ def calibrated(pair, tmp_path_factory):
         (["new", "none.csv", "--out", "new.toml"], "none.csv: no such file"),
         (["new", "none.csv"], "none.csv: no such file"),
         (["new", "file.txt", "--out", "new.toml"], "file.txt"),
-        (["new", "run1.csv", "--out", "run1.csv", "--overwrite"], "run1.csv: these are the data"),
+        (["new", "run1.csv", "--out", "run1.csv", "--overwrite"], "run1.csv: this is the data file"),
         (["calibrate", "none.toml", "--out", "o"], "none.toml: no such file"),
         (["calibrate", ".", "--out", "o"], "is a folder"),
         (["calibrate", "file.txt", "--out", "o"], "not valid TOML"),

@@ -109,7 +109,7 @@ def test_mirrored_readings_are_turned_when_told(header, since, tmp_path, capsys)
     assert status == 2 and refused.count("\n") == 1
     assert "the readings are mirrored" in refused and "add --mirror" in refused
     status, printed, _ = run(capsys, file, "--mirror")
-    assert status == 0 and "the signs of all readings are turned (--mirror)" in printed
+    assert status == 0 and "the signs of all readings are changed (--mirror)" in printed
     assert file.read_bytes() == before
     (loaded,) = Experiment.load(tmp_path / "experiment.toml").runs
     assert loaded.file == "swing-si.csv" and np.array_equal(loaded.readings, THETA[rows])
@@ -150,7 +150,7 @@ def test_positions_in_a_picture_become_displacements(tmp_path, capsys):
     ("arguments", "said"),
     [(["--bob", "left"], "--bob left: expected N=COLUMN"), (["--bob", "1="], "expected N=COLUMN"),
      (["--bob", "1=left"], "'left'"), (["--unit", "inch"], "unknown unit 'inch'"), (["--rate", "-1"], "rate is -1"),
-     (["--out", "swing.csv"], "these are the data"), (["--out", "notes.txt"], "notes.txt: is a file")],
+     (["--out", "swing.csv"], "this is the data file"), (["--out", "notes.txt"], "notes.txt: is a file")],
     ids=lambda value: " ".join(value) if isinstance(value, list) else "",
 )  # fmt: skip
 def test_what_cannot_be_is_refused_in_one_line(arguments, said, tmp_path, capsys, monkeypatch):

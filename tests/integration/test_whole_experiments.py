@@ -186,18 +186,18 @@ def test_the_angle_of_a_scaffold_is_as_uncertain_as_the_length_it_guesses(length
     (run,) = Experiment.load(path).runs
     assert abs(run.release.release.angle - 0.2) < 2.5 * run.release.angle_sd
     line = next(line for line in path.read_text(encoding="utf-8").splitlines() if line.startswith("release"))
-    assert f"asin({length * np.sin(0.2):.4g} m / length)" in line and "angle_sd = 0.002 then" in line
+    assert f"asin({length * np.sin(0.2):.4g} m / length)" in line and "write angle_sd = 0.002" in line
 
 
 @pytest.mark.parametrize("seconds", [1.7, 3.1, 5.0])
 def test_the_median_of_a_tracker_export_is_no_rest_position(seconds, tmp_path):
-    """What is told of the angle once the length is known, counts that."""
+    """The uncertainty of the angle for a known length includes that of the rest position."""
     t, theta = swung(0.2, 0.3)
     rows = [f"{a:.6f}\t{b:.6f}\t0" for a, b in zip(t, 0.3 * np.sin(theta) + 0.5, strict=True) if a < seconds]
     (tmp_path / "data.txt").write_text("\n".join(["mass_A", "t\tx\ty", *rows]), encoding="utf-8")
     text = scaffold(tmp_path / "data.txt").read_text(encoding="utf-8")
     angle, then = (float(re.search(rf"{name} = ([\d.]+){after}", text)[1]) for name, after in
-                   (("angle", ","), ("angle_sd", " then, x is counted from the median")))  # fmt: skip
+                   (("angle", ","), ("write angle_sd", ", x is relative to the median")))  # fmt: skip
     assert abs(angle - 0.2) < 2.0 * then
     assert then > 0.002
 

@@ -250,7 +250,7 @@ REFUSED = {
     "effect": (edit("effects = []", 'effects = ["quadratic_darg"]'), CSV, ["line 7", "'quadratic_drag'"]),
     "effect in and out": (
         edit("effects = []", 'effects = ["quadratic_drag", "-quadratic_drag"]'), CSV,
-        ["line 7", "quadratic_drag is put in and taken out"],
+        ["line 7", "quadratic_drag is both added and removed"],
     ),
     "effect needs another": (edit('"nsp"\neffects = []', '"ho"\neffects = ["string_hysteresis"]'), CSV, ["requires"]),
     "effect value": (TOML + "[model.parameters]\nquadratic_drag = { c2 = -1 }", CSV, ["line 13", "c2 is -1 kg/m"]),
