@@ -1,4 +1,4 @@
-"""Posteriors as ArviZ has them: InferenceData up to ArviZ 0.23, an xarray DataTree from 1.0."""
+"""Convert posteriors for ArviZ: to InferenceData up to ArviZ 0.23, to an xarray DataTree from 1.0."""
 
 from __future__ import annotations
 
@@ -15,15 +15,14 @@ from identification.inference.samples import Samples
 
 @contextmanager
 def without_arviz_notice() -> Iterator[None]:
-    """For the import of ArviZ, or of a package that imports it: ArviZ 0.23 then announces 1.0 by a FutureWarning, which
-    asks nothing of our users; both work."""
+    """Ignore the FutureWarning by which ArviZ 0.23 announces version 1.0 when it is imported; both versions work."""
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", r"\s*ArviZ is undergoing a major refactor", FutureWarning)
         yield
 
 
 def inference_data(samples: Samples) -> Any:
-    """The groups, variables and attributes of posterior.nc, see `Posterior.to_inference_data`."""
+    """Convert samples to groups, variables and attributes as in posterior.nc; see `Posterior.to_inference_data`."""
     import xarray
 
     with without_arviz_notice():
@@ -35,6 +34,6 @@ def inference_data(samples: Samples) -> Any:
         coordinates = dict(zip(DIMENSIONS, (np.arange(E), np.arange(S)), strict=True))
         arrays = {name: (DIMENSIONS, values, {"units": unit}) for name, (values, unit) in known.items()}
         datasets[group] = xarray.Dataset(arrays, coordinates, attributes(samples) if group == "posterior" else None)
-    if "InferenceData" in vars(arviz):  # ArviZ 1.0 warns where it is asked for the attribute
+    if "InferenceData" in vars(arviz):  # getattr would cause a warning of ArviZ 1.0
         return arviz.InferenceData(**datasets)
     return xarray.DataTree.from_dict(datasets)

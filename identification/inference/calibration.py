@@ -30,7 +30,7 @@ from identification.inference.search_options import DEFAULT, SearchOptions
 from identification.progress import Progress
 from identification.storage.lock import locks_output
 
-#: Steps of a chain below which R̂ and the effective sample size say nothing.
+#: Fewest steps of a chain for which R̂ and the effective sample size are computed.
 _LEAST_STEPS = 50
 
 
@@ -98,7 +98,7 @@ def calibrate(
     steps = None if steps is None else _check_steps("steps", steps)
     likelihood = Likelihood(experiment, workers=workers, parameters=parameters)
     if not likelihood.unknowns:
-        raise ValueError("nothing is left to be inferred; name a parameter, or give what is uncertain a prior")
+        raise ValueError("there is nothing to infer; name a parameter, or give a prior to an uncertain one")
     for run in experiment.runs:
         check_unit(run, experiment.cradle_of(run))
     with TemporaryDirectory() as scratch:
@@ -123,17 +123,29 @@ def calibrate(
 
 
 def _check_steps(name: str, steps: float) -> int:
-    return int(check_range(name, steps, "", _LEAST_STEPS, remedy="fewer tell nothing about convergence"))
+    return int(check_range(name, steps, "", _LEAST_STEPS, remedy="with fewer, convergence cannot be assessed"))
 
 
 def measure_gap(posterior: Posterior, options: SearchOptions = DEFAULT) -> Gap:
-    """RMS residuals over the noise, of a fit to the training part alone: on that part, and on what was held out."""
+    """Refit the training part, and compute the gap on it and on the held-out part.
+
+    Parameters
+    ----------
+    posterior : Posterior
+        The refit starts from its best sample.
+    options : SearchOptions
+        Options of the refit and of the predictive check.
+
+    Returns
+    -------
+    Gap
+    """
     full = posterior.likelihood
     train, held_out = training_rows(full.experiment)
     likelihood = Likelihood(full.experiment, train, full.workers, full.parameters)
     likelihood, point = refit(likelihood, posterior.best(), options)
     unseen = Likelihood(full.experiment, held_out, full.workers, full.parameters)
-    # With few frames, an estimated noise may hold part of the motion: it is no more than the RMS residual of a fit.
+    # An estimate from few frames may contain part of the motion; the noise is at most the RMS residual of the fit.
     weights = list(unseen.noise_model.scales)
     for k, run in enumerate(full.experiment.runs):
         if run.noise is None and train[k].any():
@@ -163,6 +175,6 @@ def measure_gap(posterior: Posterior, options: SearchOptions = DEFAULT) -> Gap:
 
 
 def _rms_by_bob(residuals: list[np.ndarray]) -> np.ndarray:
-    """RMS over all bobs, then of each; (1 + N,)."""
+    """RMS of all bobs together, then of each; (1 + N,)."""
     together = np.concatenate(residuals)
     return np.array([rms(together), *(rms(column) for column in together.T)])

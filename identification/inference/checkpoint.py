@@ -1,4 +1,4 @@
-"""The chains on disk: chain.h5, in emcee's HDF format, whole after a kill and after a full disk."""
+"""The chains on disk: chain.h5 in emcee's HDF format. A kill or a full disk leaves the last complete file."""
 
 from __future__ import annotations
 
@@ -23,13 +23,24 @@ from identification.storage.files import ExperimentError, write_file
 from identification.storage.provenance import program_hash
 from identification.storage.schema import check_schema
 
+#: Separate ensembles: R̂ needs chains that do not move by each other's positions.
 ENSEMBLES = 2
 _REMEDY = "it is not a chain that can be resumed; remove it, or choose another --out"
 
 
 @dataclass(frozen=True)
 class Chains:
-    """Sampled so far: chain (E, S, W, D), log_density (E, S, W), newton_exponent (E, S, W)."""
+    """Samples of E ensembles of W walkers over S steps.
+
+    Parameters
+    ----------
+    chain : ndarray of shape (E, S, W, D)
+        Sampled coordinates.
+    log_density : ndarray of shape (E, S, W)
+        Log posterior density, up to a constant.
+    newton_exponent : ndarray of shape (E, S, W)
+        λ [1/s]; nan if it is not defined.
+    """
 
     chain: np.ndarray
     log_density: np.ndarray
@@ -39,22 +50,36 @@ class Chains:
 class Checkpoint:
     """The chains on disk: chain.h5, in emcee's HDF format, one group per ensemble.
 
-    A stretch of sampling works on a copy in memory that then takes the file's place, so that a kill or a full disk
-    leaves the last whole one.
+    A stretch of sampling works on a copy in memory, which then replaces the file. So a kill or a full disk leaves the
+    last complete file.
+
+    Parameters
+    ----------
+    path : Path
+        The file, which may be missing.
+    likelihood : Likelihood
+        The density that is sampled.
+    seed : int
+        Seed of all random numbers.
+    options : SearchOptions
+        Options of the search and the sampler.
     """
 
     def __init__(self, path: Path, likelihood: Likelihood, seed: int, options: SearchOptions = DEFAULT):
         self.path, self.likelihood, self.seed, self.options = path, likelihood, seed, options
 
     def _program(self) -> str:
-        """What made the chains: the program, and its options where they are not the default ones."""
+        """Fingerprint of what makes the chains: the program, and its options unless they are the default ones."""
         hashed = program_hash(self.likelihood.experiment.cradle.composition)
         if self.options == DEFAULT:
             return hashed
         return hashlib.sha256(f"{hashed} {self.options}".encode()).hexdigest()[:16]
 
     def exists(self) -> bool:
-        """Whether there are chains of this very inference to go on with; ExperimentError if of another."""
+        """Whether there are chains of this inference to resume.
+
+        Raises ExperimentError if the file holds chains of other data, unknowns, seed, program or options.
+        """
         if not self.path.exists():
             return False
         known = self._read_attributes()
@@ -64,23 +89,23 @@ class Checkpoint:
             )
         if known["seed"] != self.seed:
             raise ExperimentError(
-                f"{self.path}: holds chains of seed {known['seed']}, not {self.seed}; give that one, choose another "
+                f"{self.path}: holds chains of seed {known['seed']}, not {self.seed}; use that seed, choose another "
                 "--out, or remove the file"
             )
         if known.get("program") != self._program():
             raise ExperimentError(
                 f"{self.path}: holds chains by another version of the program, by other search options,"
-                " or of an effect from outside it; go on with that one, choose another --out, or remove the file"
+                " or with another declaration of an effect; use the same, choose another --out, or remove the file"
             )
         return True
 
     def _read_attributes(self) -> dict[str, Any]:
-        """What the file says of itself; ExperimentError, naming the field, if it is not whole."""
+        """Read and check the attributes of the file. Raises ExperimentError, with the field, if it is damaged."""
         try:
             with hdf5_files.opened(self.path) as file:
                 known = hdf5_files.attributes(file)
                 check_schema(known, "chain", self.path, _REMEDY)
-                # Those of another experiment have other shapes, and are refused as such.
+                # Chains of another experiment have other shapes; `exists` reports them as such.
                 if known["names"] == self.likelihood.names and known["inputs"] == self.likelihood.experiment.digest:
                     self._check_arrays(file, len(known["inflations"]))
         except hdf5_files.UnreadableError as problem:
@@ -97,7 +122,7 @@ class Checkpoint:
             for key, shape in (("point", (D,)), ("covariance", (D, D)), ("cost", ())):
                 hdf5_files.numbers(mode, key, shape)
         if len(jumps) not in (0, runs):
-            raise hdf5_files.UnreadableError(f"{self.path}: jumps are of {len(jumps)} runs of {runs}")
+            raise hdf5_files.UnreadableError(f"{self.path}: jumps has {len(jumps)} runs; expected {runs}")
         for k in range(len(jumps)):
             of_run = hdf5_files.group(jumps, str(k + 1))
             run, rows = self.likelihood.experiment.runs[k], self.likelihood.rows[k]
@@ -118,11 +143,22 @@ class Checkpoint:
                 hdf5_files.numbers(ensemble, "log_prob", (steps, W))
                 hdf5_files.numbers(ensemble, "blobs", (steps, W))
                 if known["iteration"] > steps:
-                    raise hdf5_files.UnreadableError(f"{self.path}: {name} holds {steps} steps of {known['iteration']}")
+                    raise hdf5_files.UnreadableError(
+                        f"{self.path}: {name} has {steps} steps; expected {known['iteration']}"
+                    )
 
     def begin(self, mode: Mode, impact_order: Sequence[ImpactOrderNoise], inflations: Sequence[float]) -> None:
-        """A file without steps, with the mode from which sampling starts, the impact-order noise of each run, and by
-        how much the noise of each is inflated."""
+        """Write a file without steps.
+
+        Parameters
+        ----------
+        mode : Mode
+            The mode from which sampling starts.
+        impact_order : sequence of ImpactOrderNoise
+            Impact-order noise of each run; empty if there is none.
+        inflations : sequence of float
+            Inflation of χ² of each run; see `NoiseModel`.
+        """
         with self._edited_copy(new=True) as image, _open(image, "w") as file:
             file.attrs["inputs"] = self.likelihood.experiment.digest
             file.attrs["names"] = self.likelihood.names
@@ -136,7 +172,7 @@ class Checkpoint:
 
     @contextmanager
     def _edited_copy(self, new: bool = False) -> Iterator[io.BytesIO]:
-        """A copy of the file in memory to work on, which takes its place if all went well."""
+        """Yield a copy of the file in memory, and replace the file by it if no error occurs."""
         with io.BytesIO(b"" if new else self.path.read_bytes()) as image:
             yield image
             write_file(self.path, image.getvalue())
@@ -147,25 +183,25 @@ class Checkpoint:
         return known.with_inflations(self.inflations())
 
     def inflations(self) -> list[float]:
-        """By how much the noise of each run is inflated; see `NoiseModel`."""
+        """Inflation of χ² of each run; see `NoiseModel`."""
         with _open(self.path, "r") as file:
             return [float(value) for value in file.attrs["inflations"]]
 
     def impact_order(self) -> list[ImpactOrderNoise]:
-        """The impact-order noise of each run; none where that is not known."""
+        """Impact-order noise of each run; empty if there is none."""
         with _open(self.path, "r") as file:
             known = file["jumps"]
             parts = [known[f"{k + 1}"] for k in range(len(known))]
             return [ImpactOrderNoise(part["directions"][:], part["sizes"][:]) for part in parts]
 
     def mode(self, step: int) -> Mode:
-        """The mode about which points are proposed at a step: that of the fit, or as last adapted to the chains."""
+        """The mode about which a step proposes points: that of the fit, or the one last adapted to the chains."""
         with _open(self.path, "r") as file:
             latest = file[f"modes/{max(int(name) for name in file['modes'] if int(name) <= step)}"]
             return Mode(latest["point"][:], latest["covariance"][:], float(latest["cost"][()]))
 
     def adapt(self, step: int) -> None:
-        """Takes the mode from here on from the second half of the chains so far."""
+        """From this step on, propose about mean and covariance of the second half of the present chains."""
         D = len(self.likelihood.unknowns)
         points = self.read().chain[:, step // 2 : step].reshape(-1, D)
         covariance = regularize_covariance(np.cov(points.T).reshape(D, D))
@@ -175,16 +211,16 @@ class Checkpoint:
 
     @contextmanager
     def backends(self) -> Iterator[list[emcee.backends.HDFBackend]]:
-        """emcee's view of each ensemble, on a copy of the file that takes its place if all went well."""
+        """Yield emcee's backend of each ensemble, on a copy that replaces the file if no error occurs."""
         with self._edited_copy() as image:
             yield [MemoryBackend(image, f"ensemble_{k + 1}") for k in range(ENSEMBLES)]
 
     def steps(self) -> int:
-        """Steps that all ensembles have taken."""
+        """Number of steps that all ensembles have taken."""
         return count_kept_steps(self.path)
 
     def read(self) -> Chains:
-        """All that was sampled by all ensembles."""
+        """Read the samples of all ensembles."""
         steps = self.steps()
         parts = []
         for k in range(ENSEMBLES):
@@ -195,7 +231,7 @@ class Checkpoint:
 
 
 class MemoryBackend(emcee.backends.HDFBackend):
-    """emcee's backend on a file in memory: on a full disk it is one write that fails, and not h5py halfway."""
+    """emcee's backend on a file in memory, so that a full disk makes one write fail and not h5py midway."""
 
     def __init__(self, image: io.BytesIO, name: str) -> None:
         super().__init__(image, name=name)
@@ -208,12 +244,12 @@ class MemoryBackend(emcee.backends.HDFBackend):
 
 
 def _open(file: Path | io.BytesIO, mode: str) -> Any:
-    """An HDF5 file; untyped, for what stands in it is known to whoever wrote it."""
+    """Open an HDF5 file; untyped, since only the code that wrote it knows its content."""
     return h5py.File(file, mode)
 
 
 def count_kept_steps(path: Path) -> int:
-    """Steps that all ensembles in a chain.h5 have taken; 0 where there is none."""
+    """Number of steps that all ensembles in a chain.h5 have taken; 0 if there is no file."""
     if not path.is_file():
         return 0
     with _open(path, "r") as file:
@@ -227,5 +263,5 @@ def _write_mode(file: Any, step: int, mode: Mode) -> None:
 
 
 def walker_count(likelihood: Likelihood) -> int:
-    """Walkers of one ensemble: more than twice the unknowns, as the moves demand, and even."""
+    """Number of walkers of an ensemble: even, and more than twice the number of unknowns, as the moves require."""
     return max(16, 2 * len(likelihood.unknowns) + 4)

@@ -1,4 +1,4 @@
-"""Whether chains have converged: R̂, effective sample size, autocorrelation time.
+"""Assess the convergence of chains: R̂, effective sample size, autocorrelation time.
 
 Sources: Gelman & Rubin, Stat. Sci. 7, 457 (1992); Goodman & Weare, Comm. App. Math. Comp. Sci. 5, 65 (2010).
 """
@@ -14,13 +14,31 @@ import numpy as np
 from identification.inference.checkpoint import Chains
 from identification.inference.search_options import DEFAULT, SearchOptions
 
-#: Kept steps of a chain below which its halves say nothing.
+#: Fewest steps after burn-in for which the halves of a chain are compared.
 _LEAST_STEPS = 4
 
 
 @dataclass(frozen=True)
 class Convergence:
-    """Whether the chains have converged. tau_max: autocorrelation time of the slowest unknown [steps]."""
+    """Verdict on the convergence of chains.
+
+    Parameters
+    ----------
+    converged : bool
+        Whether all criteria are met.
+    rhat_max : float
+        Largest R̂ of all unknowns and λ.
+    ess_min : float
+        Smallest effective sample size.
+    tau_max : float
+        Longest integrated autocorrelation time [steps].
+    steps : int
+        Steps of each walker.
+    burn_in : int
+        Steps at the beginning that are not used.
+    reasons : tuple of str
+        The criteria that are not met.
+    """
 
     converged: bool
     rhat_max: float
@@ -32,11 +50,11 @@ class Convergence:
 
 
 def assess_convergence(chains: Chains, options: SearchOptions = DEFAULT) -> Convergence:
-    """R̂, effective sample size and autocorrelation time of the slowest unknown (λ included), and the verdict.
+    """Compute R̂, effective sample size and autocorrelation time of the slowest unknown, λ included, and the verdict.
 
-    Burn-in: the first fifth, at least two autocorrelation times, and all before the last adaptation: a chain must not
-    adapt to itself. R̂ compares the halves of the separate ensembles; walkers of one ensemble move by each other's
-    positions, so they are no independent chains. ESS counts all samples over τ.
+    Burn-in is the first fifth, at least two autocorrelation times, and everything before the last adaptation, since an
+    adapted chain depends on its past. R̂ compares the halves of the separate ensembles. Walkers of one ensemble are no
+    independent chains, since they move by each other's positions. ESS is the number of all samples over τ.
     """
     E, S, W, _ = chains.chain.shape
     series = np.concatenate([chains.chain, chains.newton_exponent[..., None]], axis=-1)
@@ -44,7 +62,7 @@ def assess_convergence(chains: Chains, options: SearchOptions = DEFAULT) -> Conv
     series = series[..., varying]
     adapted = max((step for step in options.adaptation_steps if step < S), default=S)
     if S - adapted <= _LEAST_STEPS or series.shape[-1] == 0:
-        return Convergence(False, math.nan, 0.0, math.nan, S, S // 2, ("too few steps to tell",))
+        return Convergence(False, math.nan, 0.0, math.nan, S, S // 2, ("too few steps",))
     tau = _autocorrelation_time(series[:, min(max(S // 5, adapted), S // 2) :])
     burn = max(adapted, min(S // 2, max(S // 5, math.ceil(2.0 * tau))))
     kept = series[:, burn:]
@@ -68,7 +86,7 @@ def assess_convergence(chains: Chains, options: SearchOptions = DEFAULT) -> Conv
 def _autocorrelation_time(series: np.ndarray) -> float:
     """Integrated autocorrelation time [steps] of the slowest column of (E, S, W, K), at least 1.
 
-    A walker that never moved has none; the whole length counts instead.
+    For a walker that never moved, it is the length of the chain.
     """
     slowest = 1.0
     for ensemble in series:

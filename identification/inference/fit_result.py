@@ -36,14 +36,14 @@ _LEAST_SAMPLE = 10.0
 
 
 def with_known_noise(experiment: Experiment) -> Experiment:
-    """The experiment with the noise of each run stated: an inferred noise would hide a misfit."""
+    """State the noise of each run, by an estimate if needed: an inferred noise would hide a misfit."""
     runs = tuple(dataclasses.replace(run, noise=noise_of(run)) for run in experiment.runs)
     return dataclasses.replace(experiment, runs=runs)
 
 
 @dataclass(frozen=True, eq=False)
 class ResidualIndex:
-    """Where each of the R residuals of a fit belongs: run and bob (from 0), time [s]; all (R,)."""
+    """Run and bob, from 0, and time [s] of each of the R residuals of a fit; each (R,)."""
 
     run: np.ndarray
     bob: np.ndarray
@@ -60,7 +60,7 @@ class ResidualIndex:
 
 
 class EffectiveSample(NamedTuple):
-    """What correlated residuals are worth: see `estimate_effective_sample`.
+    """Effective sample of correlated residuals; see `estimate_effective_sample`.
 
     inflation: c, by which Δχ² is divided, at least 1; size: the effective sample size, at least 10.
     """
@@ -108,7 +108,7 @@ class FitResult:
 
     @functools.cached_property
     def readings(self) -> ResidualIndex:
-        """Where each residual belongs."""
+        """Run, bob and time of each residual."""
         return ResidualIndex.of(self.likelihood)
 
     @property
@@ -147,7 +147,7 @@ class FitResult:
         return orthonormal_basis(self.jacobian)
 
     def project(self, vectors: np.ndarray) -> np.ndarray:
-        """Project the tangent space out of vectors (R + P,) or (R + P, M): v − Q Qᵀ v, what a refit leaves of them."""
+        """Project the tangent space out of vectors (R + P,) or (R + P, M): v − Q Qᵀ v, their residual after a refit."""
         return vectors - self.tangent_basis @ (self.tangent_basis.T @ vectors)
 
     @functools.cached_property
@@ -176,7 +176,7 @@ class FitResult:
     def covariance(self) -> np.ndarray:
         """Covariance of the point, (D, D): Laplace, inflated for correlated residuals, with impact-order noise.
 
-        The jumps are not inflated: they are no larger for what else the model misses.
+        Impact-order noise is not inflated, since other misfits of the model do not make it larger.
         """
         return add_impact_order_noise(
             self.likelihood, self.point, self.jacobian, self.laplace_covariance, self.effective_sample.inflation
@@ -253,7 +253,9 @@ def estimate_effective_sample(residuals: np.ndarray, at: ResidualIndex) -> Effec
     """Inflation of Δχ² and effective sample size by the autocorrelation of residuals (R,) over the noise.
 
     The size is R/τ with the integrated autocorrelation time τ; the inflation is τ times the variance of the residuals
-    where that is more than the noise's. Source: Sokal, in Functional Integration, NATO ASI B 361, 131 (1997).
+    if that significantly exceeds the variance of the noise.
+
+    Source: Sokal, in Functional Integration, NATO ASI B 361, 131 (1997).
     """
     products, total = np.zeros(1), 0.0
     for k in np.unique(at.run):

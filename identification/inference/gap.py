@@ -1,4 +1,4 @@
-"""The gap: RMS residual over the noise, of a fit to the training part alone."""
+"""The gap: RMS residual over the noise (root of the reduced χ²), of a fit to the training part."""
 
 from __future__ import annotations
 
@@ -8,17 +8,22 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-#: A gap beyond this says that the model does not describe the data, where noise alone hardly passes it.
+#: The model does not describe the data if a gap exceeds both this value and the 99 % bound of noise alone.
 MISFIT_GAP = 1.15
 
 
 @dataclass(frozen=True)
 class Gap:
-    """RMS residual over the noise: 1 is the floor. Both from a fit to the training part alone.
+    """RMS residuals over the noise, of a fit to the training part; 1 for a correct model.
 
-    train, held_out: over all runs; nan where there are no such readings. rms: in the unit of the first run's
-    quantity (rad or m), by "train" or "held_out", all bobs and each: shape (1 + N,). allowed: the held-out gap that a
-    right model passes by chance once in a hundred times, with what the training part leaves open; nan: not known.
+    Parameters
+    ----------
+    train, held_out : float
+        Gap of all training readings and of all held-out readings; nan if there are none.
+    rms : mapping of str to ndarray of shape (1 + N,)
+        RMS residual of all bobs and of each, by "train" and "held_out" [rad or m, the first run's quantity].
+    allowed : float
+        Held-out gap that a correct model exceeds in 1 of 100 experiments; nan if unknown.
     """
 
     train: float

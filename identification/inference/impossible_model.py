@@ -1,4 +1,4 @@
-"""Points of a model at which there is no cradle, no release or no motion."""
+"""The error of points for which there is no cradle, no release or no motion."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ class ImpossibleModelError(SimulationError):
 
 
 def raises_impossible(work: Callable[_P, _R]) -> Callable[_P, _R]:
-    """Makes refused values (ValueError) and motions that end early (SimulationError) an `ImpossibleModelError`."""
+    """Decorate a function so that ValueError and SimulationError become `ImpossibleModelError`."""
 
     @functools.wraps(work)
     def tried(*args: _P.args, **kwargs: _P.kwargs) -> _R:

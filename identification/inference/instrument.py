@@ -1,4 +1,4 @@
-"""How an instrument sees the bobs: when it looks, over how long it averages, and what it then shows."""
+"""The instrument: when it reads the motion, over what time it averages, and what it shows."""
 
 from __future__ import annotations
 
@@ -13,12 +13,24 @@ from cradle_env.cradle import Cradle
 
 @dataclass(frozen=True, eq=False)
 class Instrument:
-    """What turns the motion of a cradle into readings, by the measurement effects of its model.
+    """An instrument that turns the motion of a cradle into readings, by the measurement effects of its model.
 
-    quantity: "theta", or "x" for horizontal displacements from the bobs' rest positions.
+    A reading averages over K instants; K = 1 without exposure blur. To compute readings, simulate the motion at
+    `instants(times)` and pass it, in the same order, to `readings`.
 
-    A reading averages over K instants (K = 1 without any blur): sample the motion at `instants(times)`, in any
-    order and as often as they occur, and give what it is there, in their order, to `readings`.
+    Parameters
+    ----------
+    cradle : Cradle
+        The cradle with the measurement effects.
+    quantity : {"theta", "x"}
+        Angles [rad], or horizontal displacements from the rest positions [m].
+
+    Examples
+    --------
+    >>> blurred = Instrument(Cradle(bobs=2, effects={"exposure_blur": {"duration": 0.01}}))
+    >>> instants = blurred.instants(np.array([0.5]))
+    >>> len(instants), round(float(instants.mean()), 6)
+    (10, 0.5)
     """
 
     cradle: Cradle
@@ -26,7 +38,7 @@ class Instrument:
 
     @functools.cached_property
     def exposure(self) -> tuple[np.ndarray, np.ndarray]:
-        """Offsets [s] from the time of a reading, and weights, of the instants that it averages; both (K,)."""
+        """Offsets [s] from the time of a reading, and weights, of the instants that it averages; each (K,)."""
         offsets, weights = np.zeros(1), np.ones(1)
         for effect in self.cradle.composition:
             if effect.acts_on == "measurement" and effect.instants is not None:
@@ -38,7 +50,7 @@ class Instrument:
 
     @functools.cached_property
     def clock(self) -> float:
-        """How fast the file's clock runs over the true one."""
+        """Rate of the file's clock over that of a true clock."""
         rates = (
             effect.clock(self.cradle.effects.get(effect.name, {}))
             for effect in self.cradle.composition
@@ -47,10 +59,10 @@ class Instrument:
         return math.prod(rates)
 
     def instants(self, times: np.ndarray) -> np.ndarray:
-        """When to sample the motion [s], (T K,), for readings at times (T,) by the file's clock: those of each reading
-        in turn. Both count from the same instant.
+        """True times [s], (T K,), at which to simulate the motion for readings at times (T,) of the file's clock.
 
-        They are in order of time unless exposures overlap, and may begin before the first reading.
+        Both clocks have the same zero. The K instants of each reading follow each other. They ascend unless exposures
+        overlap, and may begin before the first reading.
         """
         offsets, _ = self.exposure
         true = times / self.clock if self.clock != 1.0 else times
@@ -59,11 +71,25 @@ class Instrument:
     def readings(
         self, theta: np.ndarray, r: np.ndarray | None = None, rest: tuple[np.ndarray, np.ndarray] | None = None
     ) -> np.ndarray:
-        """Readings (..., T, N) [rad or m] of a motion theta [rad] and r [m], (..., T K, N), at `instants`.
+        """Compute readings from the motion at `instants`.
 
-        r and rest serve x only. rest: theta and r of the bobs in equilibrium, (..., N), from where x is counted; the
-        vertical where omitted, though for δ < 0 bobs lean. Angles are averaged before their scale changes them; x is
-        the average of what the changed angles give. May return `theta` itself.
+        Angles are averaged and then changed by offset and scale. For x, the angles are changed first and the
+        displacements averaged.
+
+        Parameters
+        ----------
+        theta : ndarray of shape (..., T K, N)
+            Angles [rad].
+        r : ndarray of shape (..., T K, N), optional
+            Lengths [m]; needed for x only.
+        rest : (ndarray, ndarray), optional
+            theta [rad] and r [m] of the bobs in equilibrium, each (..., N), the origin of x. If omitted, the origin is
+            below the pivot, which is wrong for δ < 0, where bobs lean.
+
+        Returns
+        -------
+        ndarray of shape (..., T, N)
+            [rad or m]; it may be `theta` itself.
         """
         if self.quantity == "theta":
             return self._scaled(self._averaged(theta))

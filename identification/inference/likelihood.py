@@ -1,4 +1,4 @@
-"""How probable an experiment's readings are for given values of the unknowns."""
+"""The posterior density of an experiment's unknowns: Gaussian noise about simulated readings, and priors."""
 
 from __future__ import annotations
 
@@ -25,8 +25,8 @@ from identification.inference.unknowns import Unknown, model_unknowns, name_in_r
 
 #: Sampling of θ_n for σ and λ [1/s].
 LAMBDA_RATE = 240.0
-#: Integration steps of the inference are longer than those of `simulate`: 1e-7 rad over 10 s, 3e-6 with dry friction,
-#: 1e-5 where contacts are followed in time, a thousandth of what strings' creep does; below any noise.
+#: Tolerance of the inference's simulations, looser than that of `simulate`. Errors stay far below any noise: 1e-7 rad
+#: over 10 s, 3e-6 with dry friction, 1e-5 with contacts followed in time, a thousandth of the change by string creep.
 TOLERANCE = 5e-12
 _NONE = np.empty(0)
 
@@ -34,9 +34,23 @@ _NONE = np.empty(0)
 class Likelihood:
     """The posterior density of an experiment: Gaussian noise about the simulated readings, and the priors.
 
-    rows: which readings count, one (T,) of bool per run; those that may be fitted where omitted. parameters: which of
-    k_f, kappa and b to infer, all that matter where omitted. A point is a vector of sampled coordinates, one per
-    `unknowns`.
+    A point is a vector of sampled coordinates, one for each of `unknowns`.
+
+    Parameters
+    ----------
+    experiment : Experiment
+        Measured runs of one cradle.
+    rows : list of ndarray of bool, each (T,), optional
+        For each run, the readings that count; those that may be fitted if omitted.
+    workers : int, optional
+        Threads; all cores if omitted.
+    parameters : sequence of str, optional
+        Which of k_f, kappa and b to infer; all that matter if omitted.
+
+    Raises
+    ------
+    ValueError
+        If one of `parameters` has no effect on this cradle.
     """
 
     def __init__(
@@ -66,29 +80,29 @@ class Likelihood:
         return other
 
     def correlations(self, residuals: np.ndarray) -> list[float]:
-        """ρ of successive readings of each run by residuals (R,), 0 where their noise is white."""
-        found = []
+        """Correlation ρ of successive readings of each run, from residuals (R,); 0 if the noise is white."""
+        correlations = []
         for run, rows, part in zip(self.experiment.runs, self.rows, self.reading_slices(), strict=True):
-            left = np.full(run.readings[rows].shape, np.nan)
+            by_bob = np.full(run.readings[rows].shape, np.nan)
             seen = ~np.isnan(run.readings[rows])
-            left[seen] = residuals[part]
-            bobs = zip(left.T, seen.T, strict=True)
-            found.append(estimate_correlation([(run.times[rows][own], bob[own]) for bob, own in bobs]))
-        return found
+            by_bob[seen] = residuals[part]
+            bobs = zip(by_bob.T, seen.T, strict=True)
+            correlations.append(estimate_correlation([(run.times[rows][own], bob[own]) for bob, own in bobs]))
+        return correlations
 
     def noise_inflations(self, point: np.ndarray) -> list[float]:
-        """How many readings of each run count for one, by what is left at a point."""
+        """Inflation of χ² of each run by noise that is correlated in time, from the residuals at a point (D,)."""
         return [chi2_inflation(rho) for rho in self.correlations(self.residuals(point))]
 
     def reading_slices(self) -> list[slice]:
-        """Where the readings of each run stand among the residuals."""
+        """Slices of the residuals that belong to each run."""
         ends = np.cumsum([
             np.sum(~np.isnan(run.readings[rows])) for run, rows in zip(self.experiment.runs, self.rows, strict=True)
         ])  # fmt: skip
         return [slice(int(begin), int(end)) for begin, end in zip([0, *ends[:-1]], ends, strict=True)]
 
     def start(self) -> np.ndarray:
-        """The point from which to search."""
+        """The point (D,) from which to search."""
         return np.array([u.coordinate(u.start) for u in self.unknowns])
 
     def values(self, point: np.ndarray) -> dict[str, float]:
@@ -97,13 +111,16 @@ class Likelihood:
 
     @raises_impossible
     def cradle(self, values: Mapping[str, float], run: Run | None = None) -> Cradle:
-        """The cradle with these values, at the δ of a run (the first where omitted)."""
+        """The cradle with these values, at the δ of a run, the first if omitted."""
         cradle = self.experiment.cradle_of(run or self.experiment.runs[0])
         return cradle.with_values({u.name: values[u.name] for u in self.cradle_unknowns})
 
     @raises_impossible
     def initial_condition(self, values: Mapping[str, float], index: int) -> tuple[Release | InitialState, float]:
-        """(how run `index` begins, the time in its file at which the simulation starts [s])."""
+        """Initial condition of run `index`.
+
+        Returns (release or initial state, the time in its file at which the simulation starts [s]).
+        """
         run = self.experiment.runs[index]
         if run.state == "release":
             assert run.release is not None
@@ -126,53 +143,60 @@ class Likelihood:
 
     @raises_impossible
     def predict(self, point: np.ndarray, index: int, rows: np.ndarray, with_lambda: bool = False):
-        """(readings (T, N) of run `index` at its times[rows], λ [1/s] of the same run or nan)."""
+        """Predict the readings of run `index` at a point (D,).
+
+        Returns (readings (T, N) at its times[rows], λ [1/s] of the run or nan). Raises ImpossibleModelError if there is
+        no such run.
+        """
         values, run = self.values(point), self.experiment.runs[index]
         cradle = self.cradle(values, run)
-        beginning, zero = self.initial_condition(values, index)
+        initial, zero = self.initial_condition(values, index)
         grid = np.arange(int(WINDOW[1] * LAMBDA_RATE) + 1) / LAMBDA_RATE if with_lambda else np.empty(0)
-        readings, theta = self.simulate_readings(cradle, beginning, run.times[rows] - zero, values, index, grid)
+        readings, theta = self.simulate_readings(cradle, initial, run.times[rows] - zero, values, index, grid)
         if not with_lambda:
             return readings, math.nan
-        assert isinstance(beginning, Release)
-        end, theta0 = beginning.lead(cradle)
+        assert isinstance(initial, Release)
+        end, theta0 = initial.lead(cradle)
         return readings, float(newton_exponent(grid, sigma(grid, theta[:, end], theta0, cradle.period)))
 
     @raises_impossible
     def motion(self, values: Mapping[str, float], index: int, times: np.ndarray) -> Trajectory:
-        """The cradle with these values in run `index` at times (T,) [s] of its file; at rest before it begins."""
+        """Simulate the motion in run `index` at times (T,) [s] of its file; earlier times count as the start."""
         cradle = self.cradle(values, self.experiment.runs[index])
-        beginning, zero = self.initial_condition(values, index)
+        initial, zero = self.initial_condition(values, index)
         true = np.maximum((times - zero) / self.instrument(cradle, index).clock, 0.0)
-        return simulate(cradle, beginning, times=true, ledger=False, tolerance=TOLERANCE)
+        return simulate(cradle, initial, times=true, ledger=False, tolerance=TOLERANCE)
 
     def instrument(self, cradle: Cradle, index: int) -> Instrument:
-        """What turned the motion of the cradle into the readings of run `index`."""
+        """The instrument that turns the motion of the cradle into the readings of run `index`."""
         return Instrument(cradle, self.experiment.runs[index].quantity)
 
     @raises_impossible
     def simulate_readings(
         self,
         cradle: Cradle,
-        beginning: Release | InitialState,
+        initial: Release | InitialState,
         times: np.ndarray,
         values: Mapping[str, float],
         index: int,
         more: np.ndarray = _NONE,
     ) -> tuple[np.ndarray, np.ndarray]:
-        """(readings (T, N) as the instrument of run `index` sees this cradle at times (T,) after it begins, θ at more
-        times (M,), (M, N) [rad])."""
+        """Simulate the readings of run `index`.
+
+        Returns (readings (T, N) of its instrument at times (T,) [s] after the start, θ (M, N) [rad] at the times
+        `more` (M,)).
+        """
         instrument = self.instrument(cradle, index)
         wanted = np.maximum(instrument.instants(times), 0.0)
         together = np.concatenate([wanted, more])
         order = np.argsort(together, kind="stable")
         back = np.empty_like(order)
         back[order] = np.arange(len(order))
-        motion = simulate(cradle, beginning, times=together[order], ledger=False, tolerance=TOLERANCE)
+        motion = simulate(cradle, initial, times=together[order], ledger=False, tolerance=TOLERANCE)
         theta, r = motion.theta[back], motion.r[back]
         rest = np.array([values.get(name_in_run("rest", index, bob), 0.0) for bob in range(1, cradle.bobs + 1)])
-        still = equilibrium(cradle) if instrument.quantity == "x" else None
-        readings = instrument.readings(theta[: len(wanted)], r[: len(wanted)], still) + rest
+        at_rest = equilibrium(cradle) if instrument.quantity == "x" else None
+        readings = instrument.readings(theta[: len(wanted)], r[: len(wanted)], at_rest) + rest
         return readings, theta[len(wanted) :]
 
     def sigma_of(self, values: Mapping[str, float], index: int) -> float:
@@ -181,11 +205,14 @@ class Likelihood:
 
     @property
     def gives_lambda(self) -> bool:
-        """Whether λ comes with the likelihood: the first run starts from a release, and there is more than one bob."""
+        """Whether λ comes with the density: the first run starts from a release, and there is more than one bob."""
         return self.experiment.runs[0].state == "release" and self.experiment.cradle.bobs > 1
 
     def log_density(self, point: np.ndarray) -> tuple[float, float]:
-        """(log posterior density up to a constant, λ [1/s]); −inf where the point is impossible."""
+        """Compute the log posterior density at a point (D,), up to a constant, and λ [1/s].
+
+        The density is −inf if there is no such run; λ is nan if it is not defined.
+        """
         prior = sum(u.log_prior(z) for u, z in zip(self.unknowns, point, strict=True))
         if not math.isfinite(prior):
             return -math.inf, math.nan
@@ -195,53 +222,57 @@ class Likelihood:
             if not rows.any():
                 continue
             try:
-                readings, found = self.predict(point, k, rows, with_lambda=k == 0 and self.gives_lambda)
-            except ImpossibleModelError:  # a point of no probability
+                readings, rate_of_run = self.predict(point, k, rows, with_lambda=k == 0 and self.gives_lambda)
+            except ImpossibleModelError:
                 return -math.inf, math.nan
-            rate = found if k == 0 else rate
+            rate = rate_of_run if k == 0 else rate
             seen = ~np.isnan(run.readings[rows])
             residual = (run.readings[rows] - readings)[seen]
             total += self.noise_model.log_density(k, residual, self.sigma_of(values, k))
         return (total, rate) if math.isfinite(total) else (-math.inf, math.nan)
 
     def log_densities(self, points: np.ndarray) -> np.ndarray:
-        """log_density at each of (K, D) points, on all cores; shape (K, 2)."""
+        """Compute `log_density` at each of (K, D) points, in threads; shape (K, 2)."""
         return np.array(in_threads(self.log_density, list(points), self.workers))
 
     def residuals(self, point: np.ndarray) -> np.ndarray:
-        """Residuals over their noise, missing readings left out, then those of the normal priors; for least
-        squares. The noise counts as known here, so that its unknown has no residual."""
+        """Compute the residuals for least squares, (R + P,): readings over their noise, then the P normal priors.
+
+        Missing readings are left out. The noise counts as known, so an unknown noise has no residual. Raises
+        ImpossibleModelError if a run is impossible.
+        """
         parts = []
         for k, (run, rows) in enumerate(zip(self.experiment.runs, self.rows, strict=True)):
             if rows.any():
                 seen = ~np.isnan(run.readings[rows])
-                parts.append(
-                    ((self.predict(point, k, rows)[0] - run.readings[rows]) / self.noise_model.weights[k])[seen]
-                )
+                residual = self.predict(point, k, rows)[0] - run.readings[rows]
+                parts.append((residual / self.noise_model.weights[k])[seen])
         prior = [
             (u.value(z) - u.mean) / u.sd for u, z in zip(self.unknowns, point, strict=True) if not math.isnan(u.sd)
         ]
         return self.whiten(np.concatenate([*parts, np.array(prior)]))
 
     def whiten(self, residuals: np.ndarray) -> np.ndarray:
-        """Residuals over the weights of the noise model, (R,) or (R, M), over impact-order noise as well."""
+        """Divide residuals (R,) or (R, M) over the weights of the noise model by impact-order noise as well."""
         return self.noise_model.whiten(residuals, self.reading_slices())
 
 
 @raises_impossible
 def hanging_radius(cradle: Cradle, tension_ratio: np.ndarray | None = None) -> np.ndarray:
-    """r of each bob where it hangs alone [m], (N,), on strings of this tension over that of new ones, (N,): worn in,
-    they give way further."""
+    """r of each bob where it hangs alone [m], (N,).
+
+    tension_ratio (N,): tension of its strings over that of new strings at the same stretch. Worn strings stretch more.
+    """
     new = equilibrium(cradle.replace(delta=1.0))[1]
     return new if tension_ratio is None else new + sag(cradle) * (1.0 / tension_ratio - 1.0)
 
 
 def shift_release_angle(release: Release, error: float) -> Release:
-    """The release with every angle larger in magnitude by `error` [rad]."""
+    """Increase the magnitude of every angle of a release by `error` [rad]."""
     if error == 0.0:
         return release
     if release.angles is not None:
-        further = {bob: angle + math.copysign(1.0, angle) * error for bob, angle in release.angles.items()}
-        return dataclasses.replace(release, angles=further)
+        shifted = {bob: angle + math.copysign(1.0, angle) * error for bob, angle in release.angles.items()}
+        return dataclasses.replace(release, angles=shifted)
     assert release.angle is not None
     return dataclasses.replace(release, angle=release.angle + math.copysign(1.0, release.angle) * error)

@@ -1,5 +1,8 @@
-"""Linear algebra on one thread: several would be in the way of threads that simulate, and would round by how many they
-are, so that the same readings led to other fits on another machine."""
+"""Linear algebra on one thread.
+
+Threads of BLAS would compete with the threads that simulate. Their number also changes the rounding, so that the same
+readings would give different fits on different machines.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +17,7 @@ _R = TypeVar("_R")
 
 
 def on_one_thread(function: Callable[_P, _R]) -> Callable[_P, _R]:
-    """The function, during which BLAS, as far as it can be told to, uses one thread in the whole process."""
+    """Decorate a function so that BLAS uses one thread, in the whole process, while it runs."""
 
     @functools.wraps(function)
     def limited(*args: _P.args, **kwargs: _P.kwargs) -> _R:

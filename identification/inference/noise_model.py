@@ -1,4 +1,4 @@
-"""How measured readings scatter about a model: their noise, its correlation in time, and impact-order noise."""
+"""The noise model of readings: white noise, its correlation in time, and impact-order noise."""
 
 from __future__ import annotations
 
@@ -12,28 +12,32 @@ import numpy as np
 from identification.experiment.experiment import Experiment
 from identification.experiment.noise import noise_of
 
-#: While the noise of a run is unknown, a search starts from this share of the readings' RMS.
+#: While the noise of a run is unknown, a search divides residuals by at least this part of the readings' RMS.
 _UNKNOWN_NOISE = 0.02
 
 
 @dataclass(frozen=True, eq=False)
 class ImpactOrderNoise:
-    """Scatter of the R readings of a run beside their noise, where the order of impacts depends on differences too
-    small to measure: a model-discrepancy covariance.
+    """Impact-order noise of the R readings of a run: a model-discrepancy covariance; see `impact_order_noise`.
 
-    sizes [rad or m], (K,): standard deviations along orthonormal directions, (R, K). See `impact_order_noise`.
+    Parameters
+    ----------
+    directions : ndarray of shape (R, K)
+        Orthonormal directions, in columns.
+    sizes : ndarray of shape (K,)
+        Standard deviations along them [rad or m].
     """
 
     directions: np.ndarray
     sizes: np.ndarray
 
     def whiten(self, residuals: np.ndarray, sigma: float) -> np.ndarray:
-        """Residuals over the noise sigma, (R,) or (R, M), over both kinds of noise together."""
+        """Convert residuals (R,) or (R, M) over white noise sigma into residuals over both kinds of noise."""
         shrunk = 1.0 / np.sqrt(1.0 + (self.sizes / sigma) ** 2) - 1.0
         return residuals + (self.directions * shrunk) @ (self.directions.T @ residuals)
 
     def log_volume(self, sigma: float) -> float:
-        """Half the logarithm of the covariance's determinant over that of white noise sigma."""
+        """Half the logarithm of the determinant of the covariance, over that of white noise sigma."""
         return 0.5 * float(np.sum(np.log1p((self.sizes / sigma) ** 2)))
 
 
@@ -46,13 +50,13 @@ class NoiseModel:
     scales : tuple of float
         Standard deviation of one reading of each run [rad or m]: as stated, or estimated from the readings.
     weights : tuple of float
-        What least squares divides the residuals of each run by [rad or m]: the scale, or, while the noise is unknown,
-        what a model may leave.
+        Least squares divides the residuals of each run by this [rad or m]: the scale, or a larger first guess while
+        the noise is unknown.
     inflations : tuple of float
-        By how much correlation in time makes the noise of each run hide more of slow motion than white noise does, as
-        χ²: (1 + ρ)/(1 − ρ) for a correlation ρ of successive readings.
+        Inflation of χ² of each run by noise that is correlated in time, (1 + ρ)/(1 − ρ) with the correlation ρ of
+        successive readings; see `chi2_inflation`.
     impact_order : tuple of ImpactOrderNoise
-        Of each run, or empty where the order of impacts is certain.
+        Of each run; empty if the order of impacts is certain.
     """
 
     scales: tuple[float, ...]
@@ -62,7 +66,7 @@ class NoiseModel:
 
     @classmethod
     def of(cls, experiment: Experiment) -> NoiseModel:
-        """White noise of each run, as stated or estimated."""
+        """Make the model of white noise, as stated or estimated for each run."""
         scales = tuple(noise_of(run) for run in experiment.runs)
         weights = (
             scale if run.noise is not None else max(scale, _UNKNOWN_NOISE * rms(run.readings[run.fitted]))
@@ -83,7 +87,7 @@ class NoiseModel:
         return dataclasses.replace(self, impact_order=tuple(impact_order))
 
     def whiten(self, residuals: np.ndarray, parts: Sequence[slice]) -> np.ndarray:
-        """Residuals over the weights, (R,) or (R, M), over impact-order noise as well; parts: where each run stands."""
+        """Divide residuals (R,) or (R, M) over the weights by impact-order noise as well; parts: slice of each run."""
         if not self.impact_order:
             return residuals
         residuals = residuals.copy()

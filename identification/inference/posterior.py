@@ -1,4 +1,4 @@
-"""What a calibration gives back: the sampled posterior, its summary, and what follows from it."""
+"""The posterior that a calibration returns: its samples, summary, predictions and figures."""
 
 from __future__ import annotations
 
@@ -25,56 +25,76 @@ from identification.inference.posterior_file import read_posterior, write_poster
 from identification.inference.prediction import Prediction, release_for_bobs
 from identification.inference.samples import FORMAT, Samples
 from identification.inference.statistics import statistics
-from identification.inference.unknowns import SEARCH_WIDTHS
+from identification.inference.unknowns import SEARCH_WIDTHS, name_in_run
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-# Draws over which λ is simulated where it did not come with the likelihood.
+#: Draws for which λ is simulated if the likelihood does not give it: its mean is then known to 5 % of its sd.
 _LAMBDA_DRAWS = 400
-#: The part of the width in the logarithm next to a bound, and the share of samples there, that cut a posterior off.
-_BOUND_MARGIN, _BOUND_SHARE = 0.01, 0.01
+#: Samples within this part of the prior's width in the logarithm from a bound count as at the bound.
+_BOUND_MARGIN = 0.01
+#: A posterior is cut off if more than this share of its samples is at a bound.
+_BOUND_SHARE = 0.01
 
 
 @dataclass(frozen=True)
 class Posterior(Samples):
-    """The posterior of an experiment's unknowns: its samples (see `Samples`), and what follows from them."""
+    """The posterior of an experiment's unknowns, as `calibrate` returns it; for its fields see `Samples`."""
 
     @property
     def describes_data(self) -> bool:
-        """Whether neither gap is beyond MISFIT_GAP, and beyond what a right model passes by chance."""
+        """Whether the misfit is not "large"."""
         return self.misfit != "large"
 
     @property
     def misfit(self) -> str:
-        """ "large" where a gap is beyond MISFIT_GAP and beyond chance; "small" where it is only beyond chance, as can
-        be said of stated noise; else "none"."""
-        (train, held), gap = training_rows(self.experiment), self.gap
+        """The size of the misfit.
+
+        "large" if a gap exceeds MISFIT_GAP and its 99 % bound for a correct model; "small" if the noise is stated and
+        a gap exceeds only this bound; else "none".
+        """
+        (train, held_out), gap = training_rows(self.experiment), self.gap
         allowed = [
             noise_gap_bound(self.experiment.runs, rows, self.likelihood.noise_model.inflations)
-            for rows in (train, held)
+            for rows in (train, held_out)
         ]
         pairs = (gap.train, allowed[0]), (gap.held_out, max(allowed[1], gap.allowed))
-        if any(found > max(MISFIT_GAP, chance) for found, chance in pairs):
+        if any(value > max(MISFIT_GAP, bound) for value, bound in pairs):
             return "large"
         stated = all(run.noise is not None for run in self.experiment.runs)
-        return "small" if stated and any(found > chance for found, chance in pairs) else "none"
+        return "small" if stated and any(value > bound for value, bound in pairs) else "none"
 
     @property
     def at_bounds(self) -> tuple[str, ...]:
-        """Of k_f, kappa and b without a prior of their own, those with many samples at the bound of where they are
-        looked for, which cuts their posterior off."""
-        found = []
+        """Which of k_f, kappa and b, without a stated prior, have a posterior that a bound of the search cuts off."""
+        names = []
         for k, u in enumerate(self.unknowns):
             if u.name in SEARCH_WIDTHS and math.isnan(u.sd) and u.name not in self.experiment.infer:
-                edge = _BOUND_MARGIN * math.log(u.high / u.low)
+                margin = _BOUND_MARGIN * math.log(u.high / u.low)
                 z = self.chain[..., k]
-                if np.mean((z < math.log(u.low) + edge) | (z > math.log(u.high) - edge)) > _BOUND_SHARE:
-                    found.append(u.name)
-        return tuple(found)
+                if np.mean((z < math.log(u.low) + margin) | (z > math.log(u.high) - margin)) > _BOUND_SHARE:
+                    names.append(u.name)
+        return tuple(names)
 
     def samples(self, name: str) -> np.ndarray:
-        """All samples of one unknown in its unit, flat; ValueError for an unknown name."""
+        """Return all samples of one unknown.
+
+        Parameters
+        ----------
+        name : str
+            As in `summary`, such as "kappa" or "quadratic_drag.c2".
+
+        Returns
+        -------
+        ndarray of shape (E S W,)
+            In the unit of the unknown.
+
+        Raises
+        ------
+        ValueError
+            If no unknown has this name.
+        """
         names = self.likelihood.names
         if name not in names:
             raise ValueError(f"{name!r} was not inferred; inferred: {', '.join(names)}")
@@ -82,17 +102,17 @@ class Posterior(Samples):
         return np.asarray(self.unknowns[k].value(self.chain[..., k].ravel()))
 
     def draws(self, count: int) -> np.ndarray:
-        """`count` points drawn from the samples (the same ones each time), shape (count, D)."""
+        """Draw `count` points from the samples, the same ones each time; sampled coordinates (count, D)."""
         flat = self.chain.reshape(-1, self.chain.shape[-1])
         rng = np.random.default_rng(self.seed)
         return flat[rng.choice(len(flat), size=count, replace=count > len(flat))]
 
     def best(self) -> np.ndarray:
-        """The sampled point of highest density, shape (D,)."""
+        """Return the sampled point of highest density, (D,)."""
         return self.chain.reshape(-1, self.chain.shape[-1])[np.argmax(self.log_density)]
 
     def release(self) -> Release:
-        """The first run's release; where it was not seen, of its first peak as the data show it."""
+        """Return the first run's release; if it is not stated, a release at the first peak of the data."""
         run = self.experiment.runs[0]
         if run.release is not None:
             return run.release.release
@@ -103,7 +123,7 @@ class Posterior(Samples):
 
     @property
     def synchronizes(self) -> bool:
-        """Whether the first run's bobs have something to synchronize with, so that there is a λ."""
+        """Whether λ is defined: the first run's release leaves bobs at rest."""
         release = self.release()
         try:
             release.check_synchronizes(self.experiment.cradle)
@@ -112,7 +132,13 @@ class Posterior(Samples):
         return True
 
     def newton_exponent(self) -> np.ndarray:
-        """Samples of λ [1/s] of the first run's δ and release over 1 to 60 s, simulated; empty where there is none."""
+        """Return samples of λ for the first run's δ and release.
+
+        Returns
+        -------
+        ndarray
+            λ over 1 to 60 s [1/s], simulated; empty if it is not defined, see `synchronizes`.
+        """
         if not self.synchronizes:
             return np.empty(0)
         if self.newton_exponents is not None:
@@ -132,8 +158,32 @@ class Posterior(Samples):
         duration: float = WINDOW[1],
         sample_rate: float = 240.0,
     ) -> Prediction:
-        """σ(t) and λ at any δ, release angle [rad] and number of bobs, over `count` draws; of the first run where
-        omitted. Its bobs are lifted, at angles in proportion. Raises ValueError for impossible settings."""
+        """Predict σ(t) and λ over draws of the posterior; omitted settings are those of the first run.
+
+        Parameters
+        ----------
+        delta : float or tuple of float, optional
+            δ of all gaps, or of each.
+        release_angle : float, optional
+            Largest angle of the lifted bobs [rad]; several keep their proportions. A stated angle counts as exact.
+        bobs : int, optional
+            Number of bobs.
+        count : int
+            Number of draws; each is a simulation.
+        duration : float
+            Length of the runs [s].
+        sample_rate : float
+            Samples per second [1/s].
+
+        Returns
+        -------
+        Prediction
+
+        Raises
+        ------
+        ValueError
+            If a setting is impossible.
+        """
         count = int(check_range("count", count, "", 1, remedy="each draw of the posterior is a run"))
         release, calibrated = self.release(), self.experiment.cradle.bobs
         bobs = calibrated if bobs is None else bobs
@@ -151,9 +201,11 @@ class Posterior(Samples):
             except ValueError as problem:
                 if bobs == calibrated:
                     raise
-                raise ValueError(f"{problem}; the calibration was of {calibrated} bobs, predict for as many") from None
-            # A stated angle is taken as exact; the run's own is as uncertain as the calibration left it.
-            error = values.get("release_angle_error@1", 0.0) if release_angle is None else 0.0
+                raise ValueError(
+                    f"{problem}; the calibration had {calibrated} bobs; predict for {calibrated}"
+                ) from None
+            # The run's own angle has the error that was inferred.
+            error = values.get(name_in_run("release_angle_error", 0), 0.0) if release_angle is None else 0.0
             releases.append(shift_release_angle(release, error))
         release.check_synchronizes(cradles[0])
         runs = simulate_batch(
@@ -170,7 +222,13 @@ class Posterior(Samples):
         )
 
     def summary(self) -> dict[str, Any]:
-        """What `summary.json` holds."""
+        """Return the content of `summary.json`.
+
+        Returns
+        -------
+        dict
+            Verdict on convergence; median, sd and intervals of each parameter, with unit, and of λ; gap and misfit.
+        """
         from cradle_env import __version__
 
         c = self.convergence
@@ -202,25 +260,45 @@ class Posterior(Samples):
         }
 
     def save(self, path: str | Path) -> Path:
-        """Writes the samples, in their units, as an ArviZ netCDF file, with what is needed to load it again."""
+        """Write the samples, in their units, to an ArviZ netCDF file that `load` can read.
+
+        Parameters
+        ----------
+        path : str or Path
+            The file; replaced if it exists.
+
+        Returns
+        -------
+        Path
+            The same path.
+        """
         return write_posterior(self, Path(path))
 
     def to_inference_data(self) -> Any:
-        """The samples, in their units, for ArviZ: InferenceData up to ArviZ 0.23, an xarray DataTree from 1.0.
+        """Convert the samples, in their units, for ArviZ.
 
-        Groups posterior and sample_stats with the variables of posterior.nc, each (chain, draw): a chain is one
-        ensemble, its draws are the walkers' positions step by step. `load` reads what its `to_netcdf` writes.
+        The groups posterior and sample_stats have the variables of posterior.nc, each (chain, draw). A chain is one
+        ensemble; its draws are the positions of all walkers, step by step. `load` reads a file that `to_netcdf` of the
+        result writes.
+
+        Returns
+        -------
+        InferenceData or xarray.DataTree
+            InferenceData up to ArviZ 0.23, DataTree from 1.0.
+
+        Examples
+        --------
 
         >>> arviz.summary(posterior.to_inference_data())  # doctest: +SKIP
         """
         return inference_data(self)
 
     def plot_corner(self) -> Figure:
-        """A Matplotlib figure of the joint posterior of the cradle's unknowns and λ; contours hold 68 and 95 %."""
+        """Plot the joint posterior of the cradle's unknowns and λ; contours contain 68 and 95 % probability."""
         return posterior_plots.corner_figure(self)
 
     def plot_fit(self) -> Figure:
-        """A Matplotlib figure of each bob's readings and the model's 95 % bands, without and with the noise."""
+        """Plot each bob's readings and the model's 95 % bands, without and with the noise."""
         return posterior_plots.fit_figure(self)
 
     def __repr__(self) -> str:
@@ -231,6 +309,23 @@ class Posterior(Samples):
 
     @classmethod
     def load(cls, path: str | Path, workers: int | None = None) -> Posterior:
-        """Reads what `save` wrote; ExperimentError, naming file and field, if it is not such a file."""
+        """Read a file that `save` wrote.
+
+        Parameters
+        ----------
+        path : str or Path
+            The file.
+        workers : int, optional
+            Threads for predictions; all cores if omitted.
+
+        Returns
+        -------
+        Posterior
+
+        Raises
+        ------
+        ExperimentError
+            If it is not such a file; the message names file and field.
+        """
         samples = read_posterior(Path(path), workers)
         return cls(**{field.name: getattr(samples, field.name) for field in dataclasses.fields(samples)})

@@ -1,4 +1,4 @@
-"""How a posterior shows itself in a terminal and in a notebook."""
+"""Representations of a posterior in a terminal and in a notebook."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 def line(posterior: Posterior) -> str:
-    """The unknowns of the cradle with their standard deviations, and whether the chains have converged."""
+    """Format a line: the unknowns of the cradle ± standard deviations, and whether the chains have converged."""
     parts = []
     for u in posterior.unknowns:
         if not u.nuisance:
@@ -27,7 +27,7 @@ def line(posterior: Posterior) -> str:
 
 
 def page(posterior: Posterior) -> str:
-    """A table of all unknowns and the marginal densities of those of the cradle, as HTML."""
+    """Format HTML: a table of all unknowns, and the marginal densities of those of the cradle."""
     known = [(u.name, u.unit, posterior.samples(u.name)) for u in posterior.unknowns]
     if posterior.newton_exponents is not None and posterior.synchronizes:
         known.append(("lambda", "1/s", posterior.newton_exponents.ravel()))

@@ -1,4 +1,4 @@
-"""posterior.nc: the samples of a calibration, for ArviZ and for `Posterior.load`."""
+"""Write and read posterior.nc: the samples of a calibration, for ArviZ and for `Posterior.load`."""
 
 from __future__ import annotations
 
@@ -23,16 +23,16 @@ from identification.storage.files import ExperimentError, write_file
 from identification.storage.schema import check_schema, parse_json
 
 _REMEDY = "it is not a posterior of `cradle calibrate`"
-# Between what is sampled and what is written there are an exponential and a logarithm.
+#: Relative rounding error of a value that was exponentiated for the file and whose logarithm is taken when reading.
 _ROUNDING = 1e-9
-#: λ is the mean of ln(1/σ)/t from 1 s on where σ > 0.001: at most 7 1/s.
+#: Largest plausible λ [1/s]: the mean of ln(1/σ)/t from 1 s on with σ > 0.001 is at most 7 1/s.
 _MOST_LAMBDA = 10.0
-#: Walkers move by each other's positions: one ensemble is one chain, its draws step by step.
+#: Dimensions of the arrays. One ensemble is one chain, since its walkers move by each other's positions.
 DIMENSIONS = ("chain", "draw")
 
 
 def write_posterior(samples: Samples, path: Path) -> Path:
-    """Writes posterior.nc, whole or not at all."""
+    """Write posterior.nc, whole or not at all."""
     import h5netcdf
 
     with io.BytesIO() as buffer:
@@ -46,7 +46,7 @@ def write_posterior(samples: Samples, path: Path) -> Path:
 
 
 def variables(samples: Samples) -> dict[str, dict[str, tuple[np.ndarray, str]]]:
-    """What posterior.nc holds, by group and name: values (chains, draws), and their unit."""
+    """Variables of posterior.nc by group and name: values (chains, draws), and their unit."""
     E, S, W, _ = samples.chain.shape
     flat = samples.chain.reshape(E, S * W, -1)
     posterior = {u.name: (np.asarray(u.value(flat[..., k])), u.unit) for k, u in enumerate(samples.unknowns)}
@@ -64,7 +64,7 @@ def _group(file: Any, name: str, shape: tuple[int, ...]) -> Any:
 
 
 def attributes(samples: Samples) -> dict[str, Any]:
-    """What posterior.nc states beside the samples, so that `Posterior.load` makes the posterior again."""
+    """Attributes of posterior.nc from which `Posterior.load`, with the samples, makes the posterior again."""
     gap = samples.gap
     by_bob = {part: values.tolist() for part, values in gap.rms.items()}
     return {
@@ -80,7 +80,7 @@ def attributes(samples: Samples) -> dict[str, Any]:
 
 
 def read_posterior(path: Path, workers: int | None = None) -> Samples:
-    """The posterior in a file; ExperimentError, naming file and field, if it holds none."""
+    """Read posterior.nc. Raises ExperimentError, with file and field, if it is not such a file."""
     try:
         with hdf5_files.opened(path) as file:
             samples, stats = hdf5_files.group(file, "posterior"), hdf5_files.group(file, "sample_stats")
@@ -97,21 +97,21 @@ def read_posterior(path: Path, workers: int | None = None) -> Samples:
     W = known["walkers"]
     if 0 in shape or shape[1] % W:
         raise ExperimentError(
-            f"{path}: posterior holds {shape[0]} chains of {shape[1]} draws, which {W} walkers do not make; {_REMEDY}"
+            f"{path}: posterior has {shape[0]} chains of {shape[1]} draws, impossible with {W} walkers; {_REMEDY}"
         )
 
     def shaped(values: np.ndarray) -> np.ndarray:
         return values.reshape(len(values), -1, W)
 
     if rates is not None and (np.abs(rates) > _MOST_LAMBDA).any():
-        raise ExperimentError(f"{path}: posterior/lambda holds values beyond {_MOST_LAMBDA:g} 1/s; {_REMEDY}")
+        raise ExperimentError(f"{path}: posterior/lambda has values beyond {_MOST_LAMBDA:g} 1/s; {_REMEDY}")
     coordinates = []
     for u in likelihood.unknowns:
         values = found[u.name]
-        # Rounding of a logarithm may lead out of the bounds.
+        # Rounding may move a value out of its bounds.
         slack = _ROUNDING * np.maximum(np.abs(values), 1.0 if not u.log else 0.0)
         if not ((values >= u.low - slack) & (values <= u.high + slack) & np.isfinite(values)).all():
-            raise ExperimentError(f"{path}: posterior/{u.name} holds values that no chain reaches; {_REMEDY}")
+            raise ExperimentError(f"{path}: posterior/{u.name} has values outside its bounds; {_REMEDY}")
         coordinates.append(shaped(np.log(values) if u.log else values))
     return Samples(
         likelihood,
@@ -125,16 +125,16 @@ def read_posterior(path: Path, workers: int | None = None) -> Samples:
 
 
 def _scalar(value: Any) -> Any:
-    """netCDF has no scalar attributes: a list of one number is that number."""
+    """Convert a list of one number into the number, since netCDF has no scalar attributes."""
     return value[0] if isinstance(value, list) and len(value) == 1 else value
 
 
 def _likelihood(path: Path, known: Mapping[str, Any], names: set[str], workers: int | None) -> Likelihood:
-    """That which was sampled: of the experiment in the file, which is written nowhere."""
+    """Make the likelihood of the experiment in the file."""
     at = f"{path}: posterior.experiment"
     texts = parse_json(known["experiment"], "posterior-experiment", at, _REMEDY)
     try:
-        # What it holds is the experiment as it was rewritten; results go by the files that were calibrated.
+        # The file has a rewritten copy of the experiment; the digest stays that of the calibrated files.
         experiment = Experiment.from_texts(texts).with_source(known["inputs"])
         likelihood = Likelihood(
             experiment, workers=workers, parameters=[name for name in SEARCH_WIDTHS if name in names]
@@ -147,7 +147,7 @@ def _likelihood(path: Path, known: Mapping[str, Any], names: set[str], workers: 
             f"{path}: posterior.inflations has {len(inflations)} values for {len(experiment.runs)} runs; {_REMEDY}"
         )
     if not likelihood.unknowns:
-        raise ExperimentError(f"{path}: posterior holds no unknown of its experiment; {_REMEDY}")
+        raise ExperimentError(f"{path}: posterior has no unknown of its experiment; {_REMEDY}")
     return likelihood.with_noise(likelihood.noise_model.with_inflations(inflations))
 
 

@@ -1,6 +1,6 @@
-"""Pictures of a calibration: the posterior, the data against it, and what is left.
+"""Figures of a calibration: the posterior, the data with the model, and the residuals.
 
-Each function gives a Matplotlib Figure that belongs to no window: a notebook shows it, `plot_style.png` encodes it.
+Each function returns a Matplotlib Figure that belongs to no window: a notebook shows it, `plot_style.png` encodes it.
 """
 
 from __future__ import annotations
@@ -31,11 +31,11 @@ if TYPE_CHECKING:
 
     from identification.inference.posterior import Posterior
 
-#: Samples that the corner plot shows, at most.
+#: Most samples in the corner plot.
 _CORNER_SAMPLES = 20000
-#: Densities side by side.
+#: Panels in a row of marginal densities.
 _ACROSS = 4
-#: Bins of a marginal density: twice the cube root of some 1000 effective samples (Rice's rule); more look ragged.
+#: Bins of a marginal density: twice the cube root of about 1000 effective samples (Rice's rule).
 _BINS = 20
 #: Width of the close-ups of the fit [small-angle periods].
 _CLOSE_UP_PERIODS = 2.5
@@ -43,7 +43,7 @@ _CLOSE_UP_PERIODS = 2.5
 
 @styled
 def corner_figure(posterior: Posterior) -> Figure:
-    """The joint posterior of the cradle's unknowns and λ: contours hold 68 and 95 %."""
+    """Plot the joint posterior of the cradle's unknowns and λ, with contours of 68 and 95 % probability."""
     from cradle_env.notebook_figure import NotebookFigure
 
     with without_arviz_notice():
@@ -82,16 +82,16 @@ def corner_figure(posterior: Posterior) -> Figure:
 
 @styled
 def marginals_figure(posterior: Posterior) -> Figure:
-    """The posterior density of each of the cradle's unknowns and of λ, with its 68 and 95 % intervals."""
+    """Plot the posterior density of each of the cradle's unknowns and of λ, with 68 and 95 % intervals."""
     from matplotlib.ticker import MaxNLocator
 
     from cradle_env.notebook_figure import NotebookFigure
 
-    shown_here = _cradle_samples(posterior)
-    down = -(-len(shown_here) // _ACROSS)
+    unknowns = _cradle_samples(posterior)
+    down = -(-len(unknowns) // _ACROSS)
     figure = NotebookFigure(figsize=(9.0, 2.0 * down), layout="constrained")
     panels = figure.subplots(down, _ACROSS, squeeze=False).ravel()
-    for axes, (symbol, unit, samples) in zip(panels, shown_here, strict=False):
+    for axes, (symbol, unit, samples) in zip(panels, unknowns, strict=False):
         found = statistics(samples)
         rounding, text = rounding_of(found), format_statistics(found)
         factor = 10.0**rounding.exponent
@@ -104,13 +104,13 @@ def marginals_figure(posterior: Posterior) -> Figure:
         axes.set(xlim=_view_interval(samples / factor), yticks=[], ylim=(0.0, None))
         axes.xaxis.set_major_locator(MaxNLocator(3))
         axes.ticklabel_format(axis="x", useOffset=False)
-    for axes in panels[len(shown_here) :]:
+    for axes in panels[len(unknowns) :]:
         axes.set_visible(False)
     return figure
 
 
 def _tidy(axes: Axes, y_label: str, x_label: str, row: int, column: int) -> None:
-    """Ticks and labels at the left and lower edge of a corner plot only."""
+    """Keep ticks and labels only at the left and lower edge of a corner plot."""
     from matplotlib.ticker import FixedLocator, MaxNLocator, ScalarFormatter
 
     if column > row:
@@ -118,7 +118,7 @@ def _tidy(axes: Axes, y_label: str, x_label: str, row: int, column: int) -> None
         return
     for axis, label, place in ((axes.xaxis, x_label, (0.5, -0.38)), (axes.yaxis, y_label, (-0.38, 0.5))):
         low, high = axis.get_view_interval()
-        edge = 0.1 * (high - low)  # a label there would run into the next panel, or out of the picture
+        edge = 0.1 * (high - low)  # a label there would overlap the next panel or leave the figure
         ticks = MaxNLocator(4).tick_values(low, high)
         axis.set_major_locator(FixedLocator([tick for tick in ticks if low + edge < tick < high - edge]))
         axis.set_major_formatter(ScalarFormatter(useOffset=False))
@@ -130,7 +130,7 @@ def _tidy(axes: Axes, y_label: str, x_label: str, row: int, column: int) -> None
 
 
 def _cradle_samples(posterior: Posterior) -> list[tuple[str, str, np.ndarray]]:
-    """(symbol, unit, samples) of the cradle's own unknowns, and of λ where there is one of each sample."""
+    """(symbol, unit, samples) of the cradle's unknowns, and of λ if each sample has one."""
     found = [(u.symbol, u.unit, posterior.samples(u.name)) for u in posterior.unknowns if not u.nuisance]
     if posterior.newton_exponents is not None and posterior.synchronizes:
         found.append(("λ", "1/s", posterior.newton_exponents.ravel()))
@@ -138,7 +138,7 @@ def _cradle_samples(posterior: Posterior) -> list[tuple[str, str, np.ndarray]]:
 
 
 def _view_interval(samples: np.ndarray) -> tuple[float, float]:
-    """What to show of one coordinate: all but the last 0.1 % at either end, and a margin."""
+    """Interval to show of one coordinate: the central 99.8 % and a margin."""
     low, high = np.quantile(samples, (0.001, 0.999))
     margin = 0.08 * (high - low) or 1e-6 * (abs(high) or 1.0)
     return float(low - margin), float(high + margin)
@@ -146,7 +146,7 @@ def _view_interval(samples: np.ndarray) -> tuple[float, float]:
 
 @styled
 def fit_figure(posterior: Posterior, draws: int = 100) -> Figure:
-    """Each bob's readings against the posterior: the whole record, its last swings, and these less their mean."""
+    """Plot each bob's readings and the model: the whole record, its last swings, and these less the model's mean."""
     from cradle_env.notebook_figure import NotebookFigure
 
     runs = posterior.experiment.runs
@@ -194,13 +194,13 @@ def _letter(run: Run) -> str:
 
 
 def _simulated_rows(posterior: Posterior, index: int) -> np.ndarray:
-    """Which rows of a run have a simulated counterpart, (T,) of bool."""
+    """Rows of a run that are simulated, (T,) of bool."""
     run = posterior.experiment.runs[index]
     return run.times >= (run.fit_from if run.state == "free" else 0.0)
 
 
 def _band(posterior: Posterior, index: int, points: np.ndarray) -> tuple[np.ndarray, ...]:
-    """Over points (K, D): times (T,), mean (T, N), 95 % bands without noise (2, T, N) and with it (2, T, N)."""
+    """Simulate at points (K, D): times (T,), mean (T, N), 95 % bands without noise (2, T, N) and with it (2, T, N)."""
     likelihood, rows = posterior.likelihood, _simulated_rows(posterior, index)
     draws = np.array(in_threads(lambda z: likelihood.predict(z, index, rows)[0], list(points), likelihood.workers))
     noise = np.array([likelihood.sigma_of(likelihood.values(z), index) for z in points])
@@ -210,7 +210,7 @@ def _band(posterior: Posterior, index: int, points: np.ndarray) -> tuple[np.ndar
 
 
 def _shade_held_out(axes: Axes, posterior: Posterior, index: int) -> None:
-    """Marks where a run's readings were held out."""
+    """Shade the time in which a run's readings are held out."""
     run, held = posterior.experiment.runs[index], training_rows(posterior.experiment)[1][index]
     if held.any():
         start, end = run.times[held][[0, -1]]
@@ -219,7 +219,7 @@ def _shade_held_out(axes: Axes, posterior: Posterior, index: int) -> None:
 
 
 def _shading_note(posterior: Posterior) -> str:
-    """What the shading of `_shade_held_out` means."""
+    """Explain the shading of `_shade_held_out`."""
     if any(run.held_out.any() for run in posterior.experiment.runs):
         return "shaded: held out, predicted and not fitted"
     return "shaded: fitted here, and held out in the fit that measures the gap"
@@ -227,7 +227,7 @@ def _shading_note(posterior: Posterior) -> str:
 
 @styled
 def residual_figure(posterior: Posterior) -> Figure:
-    """Readings less the most probable model, over the noise: by bob and time, and against a normal distribution."""
+    """Plot readings less the most probable model, over the noise: by bob and time, and with a normal distribution."""
     from matplotlib.ticker import MaxNLocator
     from scipy.stats import norm
 
@@ -252,8 +252,8 @@ def residual_figure(posterior: Posterior) -> Figure:
         axes.set_xlim(run.times[0], run.times[-1])
         name = f"{escape_mathtext(run.file)}: " if len(runs) > 1 else ""
         parts = ((train[k] & counted, ""), (held[k] & counted, " in the shaded part"))
-        said = ", ".join(f"{format_ratio(rms(values[part]))}{where}" for part, where in parts if part.any())
-        axes.set_title(f"{name}bob {bob}, RMS {said}")
+        values_by_part = ", ".join(f"{format_ratio(rms(values[part]))}{where}" for part, where in parts if part.any())
+        axes.set_title(f"{name}bob {bob}, RMS {values_by_part}")
         axes.set_ylabel("residual / noise")
         edges, grid = np.linspace(-limit, limit, 33), np.linspace(-limit, limit, 401)
         counts, *_ = side.hist(
@@ -274,7 +274,7 @@ def residual_figure(posterior: Posterior) -> Figure:
 
 
 def _residuals(posterior: Posterior, index: int) -> np.ndarray:
-    """Readings of a run less the most probable model, over the noise (T, N); nan where there is no counterpart."""
+    """Readings of a run less the most probable model, over the noise, (T, N); nan in rows that are not simulated."""
     run, rows = posterior.experiment.runs[index], _simulated_rows(posterior, index)
     values = np.full(run.readings.shape, np.nan)
     predicted, _ = posterior.likelihood.predict(posterior.best(), index, rows)

@@ -1,4 +1,4 @@
-"""σ(t) and λ of a cradle over draws of a posterior."""
+"""Predictions of σ(t) and λ over draws of a posterior."""
 
 from __future__ import annotations
 
@@ -15,10 +15,22 @@ from identification.inference.statistics import statistics
 
 @dataclass(frozen=True)
 class Prediction:
-    """σ(t) and λ of a cradle over draws of a posterior: t (T,) [s], sigma (K, T), newton_exponent (K,) [1/s].
+    """σ(t) and λ of a cradle over K draws of a posterior.
 
-    cradle: that of the first draw, with δ as stated or, where it was inferred, at its median over the draws; gaps:
-    (K, N − 1) δ of each gap in each draw, with what effects add.
+    Parameters
+    ----------
+    cradle : Cradle
+        That of the first draw; an inferred δ is the median over the draws.
+    release : Release
+        Release of all runs, without the error of its angle.
+    t : ndarray of shape (T,)
+        Times [s].
+    sigma : ndarray of shape (K, T)
+        σ(t) of each draw.
+    newton_exponent : ndarray of shape (K,)
+        λ of each draw [1/s]; nan if it is not defined.
+    gaps : ndarray of shape (K, N − 1)
+        δ of each gap in each draw, including effects such as `spacer_offset`.
     """
 
     cradle: Cradle
@@ -29,17 +41,20 @@ class Prediction:
     gaps: np.ndarray
 
     def summary(self) -> dict[str, Any]:
-        """Mean, sd, median and intervals of λ, as in a calibration's summary."""
+        """Mean, sd, median and intervals of λ, in the form of a calibration's summary."""
         return {"unit": "1/s", **statistics(self.newton_exponent), "window_s": window_of(self.t)}
 
     def sigma_bands(self) -> dict[str, np.ndarray]:
-        """σ(t): median (T,), ci68 and ci95 (2, T)."""
+        """Quantiles of σ(t): median (T,), ci68 (2, T) and ci95 (2, T)."""
         q = np.quantile(self.sigma, (0.025, 0.16, 0.5, 0.84, 0.975), axis=0)
         return {"median": q[2], "ci68": q[[1, 3]], "ci95": q[[0, 4]]}
 
 
 def release_for_bobs(release: Release, calibrated: int, bobs: int) -> Release:
-    """A release of so many bobs for another number of them; ValueError where it then lifts others."""
+    """Adapt the release of a calibrated cradle to another number of bobs.
+
+    Raises ValueError if the release states angles of bobs that the new cradle does not have or that are not its end.
+    """
     angles = release.angles or {}
     highest = range(calibrated - len(angles) + 1, calibrated + 1)
     if angles and sorted(angles) == [*highest] and len(set(angles.values())) == 1:

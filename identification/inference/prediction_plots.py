@@ -1,4 +1,4 @@
-"""Pictures of σ(t) and λ with their uncertainty. Figures belong to no window; see `plot_style.png`."""
+"""Figures of σ(t) and λ with their uncertainty. A figure belongs to no window; `plot_style.png` encodes it."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ if TYPE_CHECKING:
 
 @styled
 def lambda_figure(posterior: Posterior, draws: int = 100) -> Figure:
-    """The posterior of λ, and σ(t) over draws with exp(−λt); for two bobs or more."""
+    """Plot the posterior of λ, and σ(t) over draws with exp(−λt); for two or more bobs."""
     return _synchronization_figure(posterior.predict(count=draws), posterior.newton_exponent())
 
 
 @styled
 def prediction_figure(prediction: Prediction) -> Figure:
-    """σ(t) with its bands, and λ, of a prediction."""
+    """Plot σ(t) with its 68 and 95 % bands, and λ, of a prediction."""
     return _synchronization_figure(prediction, prediction.newton_exponent)
 
 
@@ -55,7 +55,7 @@ def _synchronization_figure(prediction: Prediction, rates: np.ndarray) -> Figure
 
 
 def _delta(gaps: np.ndarray) -> str:
-    """δ of gaps (K, N − 1) over draws, in words: of all gaps with its uncertainty, or from the least to the largest."""
+    """Format δ of gaps (K, N − 1) over draws: one value with its uncertainty or, if gaps differ, the range."""
     medians = np.median(gaps, axis=0)
     if np.ptp(medians) > 0.0:
         return f"δ = {medians.min():.3g} to {medians.max():.3g}"
@@ -67,7 +67,7 @@ def _delta(gaps: np.ndarray) -> str:
 
 
 def _show_rates(axes: Axes, rates: np.ndarray) -> None:
-    """Density of λ with its median and its 68 and 95 % intervals."""
+    """Plot the density of λ with its median and its 68 and 95 % intervals."""
     found = statistics(rates)
     if found["median"] is None or np.ptp(rates) == 0.0:
         axes.text(0.5, 0.5, "λ is not defined here", ha="center", va="center", transform=axes.transAxes)

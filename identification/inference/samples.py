@@ -1,4 +1,4 @@
-"""The samples of a calibration, and what is known of their quality."""
+"""The samples of a calibration, with their convergence and gap."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from identification.inference.gap import Gap
 from identification.inference.likelihood import Likelihood
 from identification.inference.unknowns import Unknown
 
-#: What `summary.json` and `posterior.nc` are marked with.
+#: Format of `summary.json` and `posterior.nc`.
 FORMAT = "cradle-posterior/1"
 
 
@@ -20,9 +20,23 @@ FORMAT = "cradle-posterior/1"
 class Samples:
     """Samples of the unknowns of an experiment.
 
-    chain: (E, S, W, D) sampled coordinates of E ensembles of W walkers over S steps after burn-in, D as `unknowns`;
-    log_density: (E, S, W); newton_exponents: (E, S, W) λ of the first run's δ and release [1/s], nan for one bob, or
-    None where the likelihood does not give it (`Posterior` then computes it on draws).
+    Parameters
+    ----------
+    likelihood : Likelihood
+        The density that was sampled, with the experiment and its unknowns.
+    chain : ndarray of shape (E, S, W, D)
+        Sampled coordinates of E ensembles of W walkers over S steps after burn-in; D as `unknowns`.
+    log_density : ndarray of shape (E, S, W)
+        Log posterior density, up to a constant.
+    newton_exponents : ndarray of shape (E, S, W), optional
+        λ of the first run's δ and release [1/s]; nan for one bob; None if the likelihood does not give it. `Posterior`
+        then simulates it for draws.
+    convergence : Convergence
+        Whether the chains have converged.
+    gap : Gap
+        RMS residuals over the noise, of a fit to the training part.
+    seed : int
+        Seed of all random numbers.
     """
 
     likelihood: Likelihood
@@ -40,5 +54,5 @@ class Samples:
 
     @property
     def unknowns(self) -> tuple[Unknown, ...]:
-        """What was inferred, in the order of the chain's last axis."""
+        """The unknowns, in the order of the chain's last axis."""
         return self.likelihood.unknowns

@@ -12,7 +12,7 @@ from identification.inference.likelihood import Likelihood
 
 
 def point_at(likelihood: Likelihood, values: Mapping[str, float]) -> np.ndarray:
-    """The point of a likelihood at these values of its unknowns, elsewhere at its start; within bounds."""
+    """Return the point with these values of the unknowns, moved into their bounds; other unknowns keep their start."""
     point = likelihood.start()
     for i, u in enumerate(likelihood.unknowns):
         if u.name in values:
@@ -21,7 +21,13 @@ def point_at(likelihood: Likelihood, values: Mapping[str, float]) -> np.ndarray:
 
 
 def flatten_values(name: str, values: Values) -> dict[str, float]:
-    """{"effect.key": value} of an effect's values; "effect.key[i]" where there are several, and their mean as "[*]"."""
+    """Name the values of an effect: {"effect.key": value}.
+
+    A key with several values gives "effect.key[i]" for each, and "effect.key[*]" for their mean.
+
+    >>> flatten_values("spacer_offset", {"offset": [0.0, 0.002]})
+    {'spacer_offset.offset[1]': 0.0, 'spacer_offset.offset[2]': 0.002, 'spacer_offset.offset[*]': 0.001}
+    """
     found = {}
     for key, value in values.items():
         if isinstance(value, list | tuple):

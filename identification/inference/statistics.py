@@ -8,7 +8,11 @@ import numpy as np
 
 
 def statistics(samples: np.ndarray) -> dict[str, Any]:
-    """Mean, sd, median, central 68 and 95 % intervals of samples; nan left out."""
+    """Compute mean, sd, median and central 68 and 95 % intervals of the finite samples; None if there are none.
+
+    >>> statistics(np.array([1.0, 2.0, 3.0, np.nan]))["median"]
+    2.0
+    """
     finite = samples[np.isfinite(samples)]
     if len(finite) == 0:
         return {"mean": None, "sd": None, "median": None, "ci68": [None, None], "ci95": [None, None]}

@@ -1,4 +1,4 @@
-"""What is to be inferred: each unknown with its unit, where to start, its prior, and how it is sampled."""
+"""The unknowns of the inference: unit, start, prior and sampled coordinate of each."""
 
 from __future__ import annotations
 
@@ -15,25 +15,45 @@ from cradle_env.parameter_name import ALL, ParameterName
 from identification.experiment.experiment import Experiment
 from identification.experiment.run import Prior, Run
 
-#: Between what values of them there is a cradle, where that is not from 0 on.
+#: Physical bounds of fields of Cradle; other fields go from 0 to infinity.
 _BOUNDS = {"delta": (-1.0, math.inf), "poisson_ratio": (-1.0, 0.5), "restitution": (0.0, 1.0)}
-#: Without a prior, a positive unknown is uniform in its logarithm, this factor either way of its starting value.
+#: Without a prior, the logarithm of an unknown is uniform, from start/factor to start·factor.
 _PRIOR_FACTORS = {"k_f": 1000.0, "kappa": 10.0, "b": 100.0}
-#: Width of the global search in the logarithm: stated values are good to some tens of percent, b to a factor.
+#: Half width of the global search in the logarithm: stated values are correct within 15 to 30 %, b within a factor 1.6.
 SEARCH_WIDTHS = {"k_f": 0.25, "kappa": 0.15, "b": 0.5}
-#: Tension of strings over that of new ones from which a search begins: they wear in from 1 to 1/2 in seconds to a
-#: minute of swinging, and stay there.
+#: Start value of the tension of strings over that of new strings. It falls from 1 to 1/2 within seconds to a minute of
+#: swinging, and stays there.
 WORN_TENSION_RATIO = 0.6
 
 
 @dataclass(frozen=True)
 class Unknown:
-    """One coordinate of the inference.
+    """One unknown of the inference.
 
-    name: a field of Cradle, "effect.parameter", or "quantity[bob]@run" for what belongs to one run; start and low,
-    high in `unit`; mean, sd: a normal prior (nan: none, uniform between low and high); log: sampled as its
-    logarithm, in which a uniform prior is then flat; search: half width of the global search in the sampled
-    coordinate (0: not searched); nuisance: belongs to the measurement rather than to the cradle.
+    Parameters
+    ----------
+    name : str
+        A field of Cradle, "effect.key", or "quantity[bob]@run" for a quantity of one run.
+    unit, symbol : str
+        Unit and symbol.
+    start : float
+        Value from which a search starts, in `unit`.
+    low, high : float
+        Bounds, in `unit`.
+    mean, sd : float
+        Normal prior, in `unit`; nan for a uniform prior between the bounds.
+    log : bool
+        Whether the logarithm is sampled. A uniform prior is then uniform in the logarithm.
+    search : float
+        Half width of the global search, in the sampled coordinate; 0 if the unknown is not searched.
+    nuisance : bool
+        Whether it belongs to the measurement and not to the cradle.
+
+    Examples
+    --------
+    >>> b = Unknown("b", "kg/s", "b", 0.002, low=2e-5, high=0.2, log=True)
+    >>> round(float(b.value(b.coordinate(0.01))), 6), b.log_prior(b.coordinate(1.0))
+    (0.01, -inf)
     """
 
     name: str
@@ -49,15 +69,15 @@ class Unknown:
     nuisance: bool = False
 
     def coordinate(self, value: float) -> float:
-        """The sampled coordinate of a value."""
+        """Convert a value to the sampled coordinate."""
         return math.log(value) if self.log else value
 
     def value(self, coordinate):
-        """The value(s) at sampled coordinate(s)."""
+        """Convert sampled coordinates, a number or an array, to values."""
         return np.exp(coordinate) if self.log else coordinate
 
     def log_prior(self, coordinate: float) -> float:
-        """Log density in the sampled coordinate, up to a constant; −inf outside the bounds."""
+        """Log density of the prior in the sampled coordinate, up to a constant; −inf outside the bounds."""
         value = float(self.value(coordinate))
         if not self.low <= value <= self.high:
             return -math.inf
@@ -68,16 +88,17 @@ class Unknown:
 
 
 def model_unknowns(experiment: Experiment, parameters: Sequence[str] | None = None) -> list[Unknown]:
-    """Unknowns of the cradle: k_f, kappa, b and those with a prior, as far as they matter, and effect parameters.
+    """List the unknowns of the cradle: k_f, kappa, b, fields with a prior, and effect parameters.
 
-    parameters: which of the first three to infer; ValueError for one that is not theirs, or cannot matter.
+    A field that has no effect on the motion of this cradle is left out. parameters: which of k_f, kappa and b to infer.
+    Raises ValueError if it has another name, or one without effect.
     """
     cradle = experiment.cradle
     for name in parameters or ():
         if name not in SEARCH_WIDTHS:
             raise ValueError(unknown_key("parameter", name, SEARCH_WIDTHS) + "; others go into [infer] with a prior")
         if not matters(cradle, name):
-            raise ValueError(f"{name} cannot matter in this model and is not inferred; leave it out")
+            raise ValueError(f"{name} has no effect in this model and is not inferred; leave it out")
     names = [name for name in (SEARCH_WIDTHS if parameters is None else parameters) if matters(cradle, name)]
     names += [name for name in experiment.infer if "." not in name and name not in names and matters(cradle, name)]
     unknowns = [_field_unknown(cradle, name, experiment.infer.get(name)) for name in names]
@@ -90,7 +111,7 @@ def model_unknowns(experiment: Experiment, parameters: Sequence[str] | None = No
 
 
 def matters(cradle: Cradle, name: str) -> bool:
-    """Whether a parameter, α and n of e = 1 − α vⁿ among them, can have any effect on the motion of this cradle."""
+    """Whether a parameter, including α and n of e = 1 − α vⁿ, can have an effect on the motion of this cradle."""
     of_speed = cradle.has("velocity_dependent_restitution")
     if name in ("kappa", "pivot_half_spacing"):
         return cradle.has("radial_elasticity")
@@ -110,14 +131,14 @@ def _field_unknown(cradle: Cradle, name: str, prior: Prior | None) -> Unknown:
         low, high = _BOUNDS.get(name, (0.0, math.inf))
         return _with_prior(Unknown(name, unit, symbol, start, low, high), prior)
     factor = _PRIOR_FACTORS[name]
-    start = start or float(getattr(Cradle(), name))  # stated as 0: as good as not stated
+    start = start or float(getattr(Cradle(), name))  # a stated 0 has no logarithm
     return Unknown(
         name, unit, symbol, start, low=start / factor, high=start * factor, log=True, search=SEARCH_WIDTHS[name]
     )  # fmt: skip
 
 
 def _elements(cradle: Cradle, name: str) -> list[str]:
-    """What is inferred under a name: itself, or every value of a parameter with one for each bob or gap."""
+    """Names of the unknowns under a name: itself, or each element of a parameter with one value per bob or gap."""
     stated = ParameterName.parse(name)
     parameters = (p for e in cradle.composition if e.name == stated.effect for p in e.parameters)
     if stated.element is None:
@@ -137,7 +158,7 @@ def _effect_unknown(cradle: Cradle, name: str, prior: Prior | None) -> Unknown:
         start = start[0]
     elif stated.element is not None:
         start, symbol = start[stated.element - 1], f"{p.symbol}_{stated.element}"
-    if p.log:  # where the effect is absent, a search begins at its scale
+    if p.log:  # an absent effect starts from its scale
         start, search = (start if math.isfinite(start) else p.scale), 1.0
     else:
         search = p.scale
@@ -146,7 +167,7 @@ def _effect_unknown(cradle: Cradle, name: str, prior: Prior | None) -> Unknown:
 
 
 def _with_prior(unknown: Unknown, prior: Prior) -> Unknown:
-    """The unknown with a stated prior: sampled as it is, searched over what the prior leaves open."""
+    """Give an unknown a stated prior: its value is sampled, not its logarithm, and searched over the prior's width."""
     fields = {**unknown.__dict__, "log": False}
     if prior.sd is not None and prior.mean is not None:
         return Unknown(**{**fields, "start": prior.mean, "mean": prior.mean, "sd": prior.sd, "search": 2.0 * prior.sd})
@@ -158,12 +179,16 @@ def _with_prior(unknown: Unknown, prior: Prior) -> Unknown:
 
 
 def run_unknowns(experiment: Experiment, index: int, noise: float) -> list[Unknown]:
-    """Unknowns of one run: release within its sd, or initial state; rest offsets; noise (`noise`: a first guess)."""
+    """List the unknowns of run `index`, from 0.
+
+    They are the errors of the release or the initial state, the rest offsets, and the noise. noise: its first guess
+    [rad or m].
+    """
     cradle, run = experiment.cradle_of(experiment.runs[index]), experiment.runs[index]
-    found: list[Unknown] = []
+    unknowns: list[Unknown] = []
 
     def add(quantity: str, unit: str, symbol: str, start: float, bob: int | None = None, **fields) -> None:
-        found.append(Unknown(name_in_run(quantity, index, bob), unit, symbol, start, nuisance=True, **fields))
+        unknowns.append(Unknown(name_in_run(quantity, index, bob), unit, symbol, start, nuisance=True, **fields))
 
     if run.state == "release":
         assert run.release is not None
@@ -178,7 +203,7 @@ def run_unknowns(experiment: Experiment, index: int, noise: float) -> list[Unkno
             add("theta", "rad", f"θ_{bob}", theta[bob - 1], bob, low=-math.pi, high=math.pi)
             add("theta_dot", "rad/s", f"θ̇_{bob}", theta_dot[bob - 1], bob)
         if cradle.has("radial_elasticity"):
-            # Strings ripple by a part of what the bob's weight stretches them by.
+            # The radial ripple is a part of the static stretch of the strings.
             ripple = 0.3 * sag(cradle)
             speed = ripple * math.sqrt(cradle.radial_stiffness / cradle.mass)
             worn = {"low": 0.3, "high": 1.0, "mean": 0.65, "sd": 0.2, "search": 0.3}
@@ -194,33 +219,33 @@ def run_unknowns(experiment: Experiment, index: int, noise: float) -> list[Unkno
     if run.noise is None:
         unit = "rad" if run.quantity == "theta" else "m"
         add("noise", unit, "σ_n", noise, low=1e-3 * noise, high=1e4 * noise, log=True)
-    return found
+    return unknowns
 
 
 def name_in_run(quantity: str, index: int, bob: int | None = None) -> str:
-    """The name of an unknown of run `index` (from 0), of one bob (from 1) if each has its own."""
+    """Name an unknown of run `index`, from 0, and of `bob`, from 1, if each bob has its own."""
     return str(ParameterName(quantity, element=bob, run=index + 1))
 
 
 def noise_name(index: int) -> str:
-    """The name of the unknown noise of run `index` (from 0)."""
+    """Name the unknown noise of run `index`, from 0."""
     return name_in_run("noise", index)
 
 
 def sag(cradle: Cradle) -> float:
-    """By how much a bob's weight stretches new strings, along r [m]."""
+    """Static stretch of new strings by the weight of a bob, along r [m]."""
     return cradle.mass * cradle.gravity / cradle.radial_stiffness
 
 
 def estimate_initial_motion(cradle: Cradle, run: Run) -> tuple[np.ndarray, np.ndarray]:
-    """(theta, theta_dot) at fit_from, each (N,): straight lines through the first readings of each bob."""
-    along = run.angles(cradle)
+    """Estimate angles [rad] and their rates [rad/s] at `fit_from`, each (N,), by lines through the first readings."""
+    angles = run.angles(cradle)
     theta, theta_dot = np.zeros(cradle.bobs), np.zeros(cradle.bobs)
     step = 0.03 * cradle.period
     for i in range(cradle.bobs):
-        seen = ~np.isnan(along[:, i]) & (run.times >= run.fit_from - step)
+        seen = ~np.isnan(angles[:, i]) & (run.times >= run.fit_from - step)
         close = seen & (run.times <= run.fit_from + step)
         close = close if close.sum() >= 3 else np.isin(np.arange(len(seen)), np.flatnonzero(seen)[:3])
         if close.sum() >= 2:
-            theta_dot[i], theta[i] = np.polyfit(run.times[close] - run.fit_from, along[close, i], 1)
+            theta_dot[i], theta[i] = np.polyfit(run.times[close] - run.fit_from, angles[close, i], 1)
     return theta, theta_dot

@@ -16,6 +16,10 @@ import pytest
         "experiment.run",
         "experiment.table_columns",
         "experiment.text_encoding",
+        "inference.instrument",
+        "inference.start_points",
+        "inference.statistics",
+        "inference.unknowns",
         "storage.toml_table",
     ],
 )

@@ -93,7 +93,7 @@ def test_few_steps_after_an_adaptation_are_too_few_to_tell(tmp_path, steps):
     """One step kept has no halves, and no number of steps may be a dead end."""
     verdict, _ = chains(tmp_path, steps)
     assert verdict.steps == steps
-    assert (verdict.reasons == ("too few steps to tell",)) == (steps - max(s for s in (0, 40, 240) if s < steps) <= 4)
+    assert (verdict.reasons == ("too few steps",)) == (steps - max(s for s in (0, 40, 240) if s < steps) <= 4)
     assert chains(tmp_path, steps + 1)[0].steps == steps + 1
 
 
@@ -186,7 +186,7 @@ def test_chains_of_an_edited_effect_are_refused(tmp_path):
     cradle.composition = [CATALOGUE[0], braked(1.0)]
     assert checkpoint.exists()
     cradle.composition = [CATALOGUE[0], braked(2.0)]
-    with pytest.raises(ExperimentError, match="or of an effect from outside"):
+    with pytest.raises(ExperimentError, match="or with another declaration of an effect"):
         checkpoint.exists()
 
 
