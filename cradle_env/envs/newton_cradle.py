@@ -149,8 +149,8 @@ class NewtonCradleEnv(FixedSettings, gym.Env[np.ndarray, np.ndarray]):
 
     ## Version history
 
-    v0: first version. In 0.3.0 rewards and the end of an episode count all bobs, by the asynchrony, where σ of the
-    lifted bob alone had counted: returns before and after cannot be compared.
+    v0, unreleased (after 0.2.0): rewards and the end of an episode follow the asynchrony of all bobs. Up to 0.2.0 they
+    followed σ of the lifted bob, so returns cannot be compared with earlier ones.
     """
 
     metadata: dict[str, Any] = {"render_modes": ["human", "rgb_array", "ansi"], "render_fps": 60}  # noqa: RUF012  as Gymnasium declares it

@@ -79,7 +79,7 @@ class NewtonCradleReleaseEnv(FixedSettings, gym.Env[np.ndarray, np.ndarray]):
 
     ## Version history
 
-    v0: first version. Since 0.3.0 `times` and `sigma` in `info` are those of the observation.
+    v0, unreleased (after 0.2.0): `times` and `sigma` in `info` are those of the observation.
     """
 
     metadata: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": 1}  # noqa: RUF012  as Gymnasium declares it

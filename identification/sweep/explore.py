@@ -1,4 +1,4 @@
-"""A page to explore a sweep: a slider for each axis, the cradle in motion, and σ(t) beside it."""
+"""A page to explore a sweep: a slider for each axis, the moving cradle, and σ(t)."""
 
 from __future__ import annotations
 
@@ -27,12 +27,16 @@ if TYPE_CHECKING:
 
 #: Default axes of the page. With five bobs and 60 s it has 8 MB.
 AXES: Mapping[str, np.ndarray] = {"beta": np.linspace(0.05, 0.33, 29), "delta": np.linspace(-0.02, 0.02, 11)}
-#: Pictures per second, and the number of pictures for each kept σ.
-RATE, SIGMA_EVERY = 30, 6
+#: Positions per second.
+RATE = 30
+#: Number of positions for each stored σ.
+SIGMA_EVERY = 6
 #: The largest page [bytes].
 LARGEST = 10e6
-#: Steps per unit of log10 σ in the page, and the least σ.
-_SIGMA_STEPS, _LEAST_SIGMA = 8000, FLOOR / 10.0
+#: Integer steps per unit of log10 σ.
+_SIGMA_STEPS = 8000
+#: Smallest stored σ.
+_LEAST_SIGMA = FLOOR / 10.0
 
 
 @dataclass(frozen=True)
@@ -55,8 +59,8 @@ def check_size(grid: Grid, duration: float) -> None:
     run = _most_bobs(grid) * duration * RATE * 8.0 / 3.0
     if len(grid) * run > LARGEST:
         raise ValueError(
-            f"a page of {len(grid)} runs of {duration:g} s would have {len(grid) * run / 1e6:.0f} MB; at most"
-            f" {int(LARGEST / run)} such runs make {LARGEST / 1e6:g} MB, so take fewer values, or a shorter --duration"
+            f"a page of {len(grid)} runs of {duration:g} s is too large; a page may have at most"
+            f" {int(LARGEST / run)} such runs ({LARGEST / 1e6:g} MB); give fewer values or a shorter --duration"
         )
 
 
@@ -69,7 +73,7 @@ def explore_html(
     workers: int | None = None,
     progress: Progress | None = None,
 ) -> str:
-    """Simulate every point of the grid and write a page that works offline, with 30 pictures for each second.
+    """Simulate every point of the grid and write a page that works offline, with 30 positions per second.
 
     The page stores angles in steps of 1/32767 of the largest one.
 
