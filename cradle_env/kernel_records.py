@@ -1,4 +1,4 @@
-"""A cradle as the kernels read it: what it is and the effects that it has, as records of numbers."""
+"""Convert a cradle and its effects to the records of numbers that the kernels read."""
 
 from __future__ import annotations
 
@@ -10,24 +10,28 @@ from cradle_env.effects.learned_force import has_dry_friction, learned_force
 from cradle_env.mechanics import layout as p
 from cradle_env.mechanics.forces import FRICTION_SMOOTHING
 
-# Integration step as a fraction of 1/ω of the faster motion: 1e-10 rad over 10 s on elastic strings, see
-# tests/integration/test_accuracy.py; on rigid ones it is the interpolation of the samples that sets it.
-_RADIAL_STEP, _ANGULAR_STEP = 0.45, 0.2
-#: What one segment of flight may leave out of the motion, in lengths of the strings: 1e-12 s of the first 18 impacts of
-#: two bobs, 4e-11 rad over 60 s.
+#: Integration step times ω of the radial motion: errors are then 1e-10 rad over 10 s, see
+#: tests/integration/test_accuracy.py.
+_RADIAL_STEP = 0.45
+#: Integration step times ω of the swing, on rigid strings: the interpolation of samples needs it this short.
+_ANGULAR_STEP = 0.2
+#: Error of one segment of flight over the length of the strings. The first 18 impacts of two bobs are then correct to
+#: 1e-12 s, and angles to 4e-11 rad over 60 s.
 TOLERANCE = 1e-14
-# Steps are of order 8: they grow as this power of the tolerance, from what they are at the one above, up to a limit.
-_STEP_POWER, _LONGEST_STEP = 1.0 / 8.0, 4.0
-# Dry friction changes sign within a hundredth of a period.
+#: Steps grow as this power of the tolerance over `TOLERANCE`: the integrator has order 8.
+_STEP_POWER = 1.0 / 8.0
+#: Largest factor of that growth.
+_LONGEST_STEP = 4.0
+#: Integration step times ω of the swing with dry friction, which changes sign within a hundredth of a period.
 _FRICTION_STEP = 0.05
-# Drag, friction or attraction that act faster than this many times ω of the swing are those of no cradle.
+#: Largest rate of drag, friction or attraction over ω of the swing; no real cradle exceeds it.
 _STIFFEST = 1e4
-# Part of the time scale of a contact that is followed in time, which lasts 3.2 of them.
+#: Integration step over the time scale of a contact that is followed in time; the contact lasts 3.2 time scales.
 _CONTACT_STEP = 1.0 / 16.0
 
 
 def records(cradle: Cradle, tolerance: float = TOLERANCE) -> tuple[np.ndarray, np.ndarray]:
-    """The records of a cradle that the kernels read: (1,) of CRADLE and (N,) of BOB."""
+    """Make the records that the kernels read: (1,) of CRADLE and (N,) of BOB."""
     c, bobs = np.zeros(1, p.CRADLE), np.zeros(cradle.bobs, p.BOB)
     c["gravity"], c["radius"] = cradle.gravity, cradle.radius
     cradle.write_law(c)
@@ -55,8 +59,7 @@ def records(cradle: Cradle, tolerance: float = TOLERANCE) -> tuple[np.ndarray, n
     if c["elastic"][0]:
         step = min(step, _RADIAL_STEP / np.sqrt(np.max(springs / bobs["mass"])))
     if c["frame_mass"][0] > 0.0:
-        # Strings stiffen what they hang from: by the weight that they carry, and as springs where they are far from
-        # upright.
+        # Strings add to the stiffness of the frame: by the weight that they carry and, if oblique, as springs.
         hung = np.sum(bobs["mass"] * cradle.gravity / bobs["length"] + springs)
         step = min(step, _RADIAL_STEP * np.sqrt(c["frame_mass"][0] / (c["frame_stiffness"][0] + hung)))
     if bobs["tau_c"].any() or has_dry_friction(cradle.effects.get(learned_force.name, {})):
@@ -76,7 +79,10 @@ def records(cradle: Cradle, tolerance: float = TOLERANCE) -> tuple[np.ndarray, n
 
 
 def _stiffest(c: np.void, bobs: np.ndarray, angular: float) -> float:
-    """The rate [1/s] of the fastest of drag, friction near rest and attraction; `angular` [1/s] is the swing's ω."""
+    """Largest rate [1/s] of drag, friction near rest and attraction; angular: ω of the swing [1/s].
+
+    Raises ValueError if it is too large to integrate.
+    """
     rates = {
         "b": np.max(bobs["b"] * bobs["mobility"]) * (1.0 + 2.0 * c["drag_slope"]),
         "pivot_friction: tau_c": np.max(bobs["tau_c"] * bobs["mobility"] / bobs["length"] ** 2) / FRICTION_SMOOTHING,
@@ -94,12 +100,12 @@ def _stiffest(c: np.void, bobs: np.ndarray, angular: float) -> float:
 
 
 def _write_user_forces(c: np.ndarray, bobs: np.ndarray, forces: list[tuple[Effect, dict[str, float]]]) -> None:
-    """The address of one compiled function that sums the forces from outside, and their parameters in a row."""
+    """Write the address of a compiled function that sums the user's forces, and all their parameters in sequence."""
     from cradle_env.mechanics.user_force import compiled
 
     rows = [values[q.key] for effect, values in forces for q in effect.parameters]
     if len(rows) > p.USER:
-        raise ValueError(f"effects from outside have {len(rows)} parameters; together they may have {p.USER}")
+        raise ValueError(f"effects of the user have {len(rows)} parameters; together they may have {p.USER}")
     for k, row in enumerate(rows):
         bobs["user"][:, k] = row
     c["user_force"] = compiled(tuple((effect.force, len(effect.parameters)) for effect, _ in forces)).address

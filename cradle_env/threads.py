@@ -1,4 +1,4 @@
-"""Runs on several threads, which stop when asked."""
+"""Run functions on several threads that can be stopped."""
 
 from __future__ import annotations
 
@@ -9,23 +9,26 @@ from concurrent.futures import ThreadPoolExecutor
 
 
 class InterruptedRun(BaseException):
-    """Another thread has asked the runs of this thread to stop; not an error that a caller could mend."""
+    """Another thread asked this thread to stop. It is no Exception, so that no caller handles it by mistake."""
 
 
 def cores() -> int:
-    """How many cores this process may use."""
+    """Number of cores that this process may use."""
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1
 
 
 def in_threads(function: Callable, items: Sequence, workers: int | None = None) -> list:
-    """[function(item) for item in items] on several threads; the kernels run without the interpreter lock."""
+    """Return [function(item) for item in items], computed on several threads.
+
+    Threads help since the kernels release the interpreter lock. workers: number of threads; all cores if omitted.
+    """
     return list(each_in_threads(function, items, workers))
 
 
 def each_in_threads(function: Callable, items: Sequence, workers: int | None = None) -> Iterator:
-    """The same one by one, in their order, as soon as each is there."""
+    """Yield the results of `in_threads` in order, each as soon as it and all before it are ready."""
     workers = min(workers or cores(), max(len(items), 1))
     if workers == 1:
         yield from map(function, items)
@@ -35,7 +38,7 @@ def each_in_threads(function: Callable, items: Sequence, workers: int | None = N
 
 
 class _Stop:
-    """Whether the threads of a pool, and of the pools that they make, are to stop."""
+    """Whether the threads of a pool, and of pools that these threads create, must stop."""
 
     def __init__(self, parent: _Stop | None) -> None:
         self.asked, self.parent = False, parent
@@ -48,15 +51,17 @@ _thread = threading.local()
 
 
 class Threads(ThreadPoolExecutor):
-    """Threads (all cores where omitted) whose runs stop within a second when asked, or when the block ends by an
-    exception, as by Ctrl-C; `ThreadPoolExecutor` alone would wait for their end."""
+    """A thread pool whose runs stop within a second after `stop`, or after an exception such as Ctrl-C in the block.
+
+    `ThreadPoolExecutor` alone would wait until they end. workers: number of threads; all cores if omitted.
+    """
 
     def __init__(self, workers: int | None = None) -> None:
         self._asked = stop = _Stop(getattr(_thread, "stop", None))
         super().__init__(workers or cores(), initializer=lambda: setattr(_thread, "stop", stop))
 
     def stop(self) -> None:
-        """Ends the runs under way by InterruptedRun."""
+        """Make the present runs raise InterruptedRun."""
         self._asked.asked = True
 
     def __exit__(self, kind, error, traceback) -> None:
@@ -66,6 +71,6 @@ class Threads(ThreadPoolExecutor):
 
 
 def check_stop() -> None:
-    """InterruptedRun where the runs of this thread are to stop."""
+    """Raise InterruptedRun if the runs of this thread must stop."""
     if getattr(_thread, "stop", None):
         raise InterruptedRun

@@ -1,4 +1,4 @@
-"""`gym.make("NewtonCradle-v0")`."""
+"""The environment of `gym.make("NewtonCradle-v0")`."""
 
 from __future__ import annotations
 
@@ -19,19 +19,18 @@ from cradle_env.simulation import impact_rows
 
 
 class NewtonCradleEnv(FixedSettings, gym.Env[np.ndarray, np.ndarray]):
-    """Newton's cradle of N bobs on elastic strings, whose spacer the agent moves while the bobs click.
+    """Newton's cradle of N bobs on elastic strings. The agent moves the spacer while the bobs swing.
 
     ## Description
 
-    N steel bobs hang side by side, each on strings that stretch and lose energy in every stretch. One is lifted and
-    let go. What looks like a perfect exchange decays: every impact leaves a little motion with the bobs between,
-    until all swing together, *synchronized*. σ measures how far they are from it (1 after the release, 0 when
-    synchronized), λ how fast they get there, σ ≈ exp(−λt). The motion is that of Lee & Hong's nonlinear spring
-    pendulums (arXiv:2401.16693), simulated to some 10⁻⁸ rad, impact by impact.
+    N steel bobs hang side by side on elastic strings, which lose energy whenever they stretch. One bob is lifted and
+    released. Every impact transfers a little motion to the bobs between the ends, until all bobs swing in unison: they
+    are *synchronized*. σ is the distance from synchronization (1 after the release, 0 when synchronized), and λ its
+    rate, σ ≈ exp(−λt). The motion is that of Lee & Hong's nonlinear spring pendulums (arXiv:2401.16693), simulated to
+    about 10⁻⁸ rad, impact by impact.
 
-    The agent chooses how far the lifted bob is released, and how wide the spacer holds the pivots apart: δ is the
-    distance of neighbouring pivots over the diameter of a bob, minus 1. At δ < 0 the bobs lean on each other, at
-    δ > 0 they hang apart.
+    The agent chooses the release angle, and the distance of the pivots by a spacer: δ is the distance of neighbouring
+    pivots over the diameter of a bob, minus 1. At δ < 0 the bobs lean on each other, at δ > 0 they hang apart.
 
     ## Action space
 
@@ -39,14 +38,14 @@ class NewtonCradleEnv(FixedSettings, gym.Env[np.ndarray, np.ndarray]):
 
     | action | what it sets | −1 | 0 | 1 | unit |
     |---|---|---|---|---|---|
-    | `delta` | where the spacer goes, at most `spacer_speed` fast | −0.02 | `delta` | 0.1 | 1 |
-    | `release_angle` | angle of release; only the first step's counts | 0.05 | `release_angle` | 0.5 | rad |
+    | `delta` | target of the spacer, which changes a gap by at most `spacer_speed` | −0.02 | `delta` | 0.1 | 1 |
+    | `release_angle` | release angle; only the first step uses it | 0.05 | `release_angle` | 0.5 | rad |
 
-    −1 and 1 stand for the ends of `delta_range` and `release_angle_range`, 0 for the setting, and numbers between for
-    what lies between. Numbers beyond are clipped; only what is not finite is refused (`InvalidAction`). The first
-    step sets both and lets go. From then on the spacer moves each pivot at a constant velocity through every
-    control interval. This does work on the bobs, which `info["spacer"]` counts: no energy comes from nowhere. A
-    release angle at which the lifted bobs would overlap with those that hang is raised until they clear them.
+    −1 and 1 mean the ends of `delta_range` and `release_angle_range`, 0 means the setting, and the value is linear in
+    between. Numbers beyond −1 and 1 are clipped; numbers that are not finite raise `InvalidAction`. The first step sets
+    both and releases the bobs. In every later control interval the spacer moves each pivot at a constant velocity. This
+    does work on the bobs, which `info["spacer"]` counts. If lifted bobs would overlap with hanging ones, the release
+    angle is raised until they do not.
 
     ## Observation space
 
@@ -62,52 +61,55 @@ class NewtonCradleEnv(FixedSettings, gym.Env[np.ndarray, np.ndarray]):
     | 4N + 1 | σ, see below | 1 | 0 | 2 |
     | 4N + 2 | time since the release | s | 0 | `duration` |
 
-    This is the true motion: effects that act on a measurement change readings of it alone, not what is seen here.
+    Observations are the true motion. Effects that act on a measurement change readings of experiments, but no
+    observations.
 
-    With `camera_noise` the agent sees less: `Box((N + 2,), float32)` holds θ as a camera reads it once in every control
-    interval, with independent normal errors of that standard deviation, then δ and the time. Lengths, speeds and σ are
-    not seen. `info` and the rewards stay true.
+    With `camera_noise` the observation is `Box((N + 2,), float32)`: θ as a camera reads it once in every control
+    interval, with independent normal errors of that standard deviation, then δ and the time. It has no lengths, speeds
+    or σ. `info` and the rewards have no errors.
 
-    With `normalize_observations` all of this is scaled to about 1: r − r0 in units of 0.02 r0, θ of the largest release
-    angle θ0, dr/dt of 0.1 √(g r0), dθ/dt of θ0 √(g/r0), δ to [−1, 1] over `delta_range`, the time in durations.
+    `normalize_observations=True` scales observations to about 1. The units are then 0.02 r0 for r − r0, the largest
+    release angle θ0 for θ, 0.1 √(g r0) for dr/dt, θ0 √(g/r0) for dθ/dt, and the duration for the time; `delta_range` is
+    mapped to [−1, 1].
 
-    σ(t) = |max θ + min θ| / θ0 of the lifted bob over the last 1.05 periods: the paper's σ at the middle of that
-    window, the latest that can be known at t. Until the first window is full σ is 1; with nothing
-    to synchronize with, one bob alone or all lifted, it stays 1.
+    σ(t) = |max θ + min θ| / θ0 of the lifted bob over the last 1.05 periods. This is the paper's σ at the middle of
+    that window, since later angles are unknown at t. σ is 1 until the first window is complete. It stays 1 for one bob,
+    or if all bobs are lifted.
 
-    σ watches the lifted bob alone. The rewards and the end of an episode count every bob. Its swing is how far it is
-    from its resting angle, and how fast it moves. The swings about the mean of all bobs make up a part of all swing;
-    the *asynchrony* is the root of that part over what it was at the release: 1 as the lifted bobs swing and the
-    others rest, 0 in unison. It is 1 until every pair of neighbours has had an impact. The `relative_swing` is the
-    amplitude of the swings about the mean over that at the release: how much of the clicking is left.
+    σ depends only on the lifted bob; the rewards and the end of an episode depend on all bobs. The swing of a bob is a
+    complex number: its angle from equilibrium, and its angular velocity over √(g/r0). The *asynchrony* is the root of
+    the share that swings relative to the mean of all bobs have in the sum of squared swings, over its value at the
+    release. It is 1 while the lifted bobs swing and the others rest, and 0 in unison. It is set to 1 until every pair
+    of neighbours has had an impact. The `relative_swing` is the amplitude of the swings relative to the mean, over its
+    value at the release.
 
     `info` has the same keys after `reset` and `step`: `time` [s], `delta`, `release_angle` [rad], `sigma`,
     `asynchrony`, `relative_swing`, `newton_exponent` (λ so far [1/s], 0 while unknown), `impacts` (number in this
     step), `fastest_impact` [m/s], and the energies [J] `kinetic`, `gravity`, `strings` (held and lost by them),
-    `drag`, `collisions` (taken so far), `spacer` (brought in so far). kinetic + gravity + strings + drag +
-    collisions − spacer is constant. The impacts themselves are `env.unwrapped.impacts`.
+    `drag`, `collisions` (lost so far), `spacer` (supplied so far). kinetic + gravity + strings + drag +
+    collisions − spacer is constant. `env.unwrapped.impacts` lists the impacts.
 
     ## Rewards
 
-    - `"synchronize"`: Φ(after) − Φ(before) − interval/duration with Φ = −ln(asynchrony), held between 0 and −ln 0.05.
-      The shaping telescopes, so that an episode returns at most −ln 0.05 = 3.0 minus the part of the duration that it
-      took: the optimum synchronizes as soon as possible. With nothing done (δ = 0, N = 5) it returns about 2.3.
-    - `"sustain"`: `relative_swing` · interval/duration, counted up to 1, and only while the last impact is no longer
-      ago than 1.05 periods. At most 1, for a cradle that goes on clicking as at the release.
-    - any function of two infos, before and after the step, to a number.
+    - `"synchronize"`: Φ(after) − Φ(before) − interval/duration with Φ = −ln(asynchrony), limited to 0 … −ln 0.05.
+      The differences of Φ add up, so an episode returns at most −ln 0.05 = 3.0 less its length over `duration`: the
+      optimum synchronizes as soon as possible. With δ = 0 throughout, five bobs return about 2.3.
+    - `"sustain"`: `relative_swing` · interval/duration, with `relative_swing` limited to 1. It is 0 if there was no
+      impact in the last 1.05 periods. An episode returns at most 1, if the bobs swing as at the release to its end.
+    - A function of two infos, before and after the step, that returns a number.
 
     ## Starting state
 
-    The bobs hang at rest at the setting's δ, or, where the release angle is not an action, are held lifted.
+    The bobs hang at rest at the setting's δ. If the release angle is not an action, the lifted bobs are held.
 
     ## Episode end
 
-    Terminated when synchronized: asynchrony ≤ `synchronized_at` at the end of every interval for 1.05 periods.
-    Truncated after `duration`; the registered time limit is 3600 steps, which is 60 s at the default interval, so a
-    longer episode or a shorter interval needs `max_episode_steps` too.
+    An episode terminates when the asynchrony is ≤ `synchronized_at` at the end of every interval for 1.05 periods. It
+    is truncated after `duration`. The registered time limit is 3600 steps, which is 60 s at the default interval. A
+    longer episode or a shorter interval needs `max_episode_steps`, too.
 
-    A step raises `SimulationError` if the motion cannot be carried on: strings or bobs far from any cradle's, which
-    press and bounce without end; or a hundred bobs let go at δ < 0, of which no common rest is found.
+    A step raises `SimulationError` if the motion cannot be computed: for unrealistic strings or bobs, which bounce
+    without end, or for a hundred bobs at δ < 0 whose common equilibrium is not found.
 
     ## Arguments
 
@@ -132,20 +134,20 @@ class NewtonCradleEnv(FixedSettings, gym.Env[np.ndarray, np.ndarray]):
     | `duration` | 60.0 | s |
     | `reward` | "synchronize" | or "sustain", or a function |
     | `synchronized_at` | 0.05 | asynchrony |
-    | `camera_noise` | None | or rad, 0 to 1: observations are a camera's |
+    | `camera_noise` | None | or rad, 0 to 1: observations of a camera |
     | `normalize_observations` | False | or True: scaled to about 1 |
     | `dtype` | float32 | or float64 |
     | `render_mode` | None | "human", "rgb_array" or "ansi" |
 
-    `delta`, `release_angle` and the numbers of `Cradle` may be ranges (low, high), drawn anew by `reset` from the
-    environment's random numbers. `reset(options={...})` changes any of these for one episode, within what the
-    observation space holds; `options={"posterior": "posterior.nc"}` draws what a calibration inferred, jointly, and
-    leaves all else, such as `length` and `mass`, as it is here.
+    `delta`, `release_angle` and the numbers of `Cradle` may be ranges (low, high), from which `reset` draws with the
+    environment's random numbers. `reset(options={...})` changes any of these for one episode, within the bounds of the
+    observation space. `options={"posterior": "posterior.nc"}` draws the inferred parameters jointly from a calibration;
+    others, such as `length` and `mass`, stay as they are set here.
 
-    `get_state` and `set_state` save and restore everything, hysteresis and random numbers too, bit for bit; not the
-    steps that a time limit around the environment has counted: `max_episode_steps=-1` does without one.
-    `make_vec("NewtonCradle-v0", num_envs=K)` steps K cradles in one call on all cores. Settings are read once:
-    `env.unwrapped.gravity = 1.0` is refused.
+    `get_state` and `set_state` save and restore the whole state bit for bit, including hysteresis and random numbers.
+    They do not save the step count of a time limit around the environment; `max_episode_steps=-1` omits that limit.
+    `make_vec("NewtonCradle-v0", num_envs=K)` steps K cradles in one call on all cores. Settings are fixed when the
+    environment is made: `env.unwrapped.gravity = 1.0` raises an error.
 
     ## Version history
 
@@ -172,13 +174,13 @@ class NewtonCradleEnv(FixedSettings, gym.Env[np.ndarray, np.ndarray]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[np.ndarray, dict[str, Any]]:
-        """Begins an episode; `options` change settings for this one, see the class."""
+        """Begin an episode; `options` change settings for this episode, see the class."""
         if self._closed:
             raise error.ClosedEnvironmentError("this environment is closed; make another")
         settings, posterior = self.settings.for_episode(options)
         super().reset(seed=seed)
         cradle, angle = settings.drawn(self.np_random, posterior)
-        self._ready = False  # a refusal leaves no episode
+        self._ready = False  # an error below leaves no episode
         self._episodes.begin(0, settings, cradle, angle)
         self._episodes.read(0, self.settings.camera_noise, self.np_random)
         self._ready = self._begun = True
@@ -189,7 +191,7 @@ class NewtonCradleEnv(FixedSettings, gym.Env[np.ndarray, np.ndarray]):
         return self._episodes.seen()[0].astype(self.settings.dtype), self._episodes.info(0)
 
     def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
-        """One control interval."""
+        """Simulate one control interval."""
         if not self._ready:
             self._refuse()
         if not isinstance(action, np.ndarray) or action.shape != self._action_shape or action.dtype.kind != "f":
@@ -215,7 +217,7 @@ class NewtonCradleEnv(FixedSettings, gym.Env[np.ndarray, np.ndarray]):
         return seen, reward, row[SYNCHRONIZED] > 0.0, row[OVER] > 0.0, info
 
     def render(self) -> Any:
-        """A picture as (H, W, 3) uint8, a text, or a window, by `render_mode`."""
+        """Return a picture (H, W, 3) of uint8 or a text, or draw into the window, by `render_mode`."""
         if self._view is None:
             logger.warn('nothing to render: make the environment with render_mode="human", "rgb_array" or "ansi"')
             return None
@@ -224,21 +226,23 @@ class NewtonCradleEnv(FixedSettings, gym.Env[np.ndarray, np.ndarray]):
         return self._view.render(self._episodes, 0, self._episodes.info(0))
 
     def close(self) -> None:
-        """Closes the window; no step afterwards."""
+        """Close the window; the environment cannot be used afterwards."""
         self._ready, self._closed = False, True
         if self._view is not None:
             self._view.close()
 
     @property
     def impacts(self) -> np.ndarray:
-        """Impacts of the last step: time [s], pair (i: bobs i and i + 1), speed [m/s], loss [J]; of more than 960 of a
-        bob in a second the first."""
+        """Impacts of the last step: time [s], pair (i: bobs i and i + 1), speed [m/s], loss [J].
+
+        Beyond 960 impacts of a bob per second only the first are kept.
+        """
         if not self._begun:
             self._refuse()
         return impact_rows(self._stepper.struck(int(self._episodes.info(0)["impacts"])))
 
     def get_state(self) -> State:
-        """The whole state, motion, hysteresis memory, random numbers and all; `set_state` puts it back."""
+        """Return the whole state for `set_state`: motion, hysteresis memory, settings and random numbers."""
         return State(
             settings=(self.settings.lasting,),
             cradles=tuple(self._episodes.of),
@@ -249,7 +253,7 @@ class NewtonCradleEnv(FixedSettings, gym.Env[np.ndarray, np.ndarray]):
         )
 
     def set_state(self, state: State) -> None:
-        """Goes on from a state, bit for bit as its environment would have; ValueError if it is of another."""
+        """Continue from a state, bit for bit; ValueError if it is of an environment with other settings."""
         if self._closed:
             self._refuse()
         check_state(state, [self.settings], self._episodes, 1)

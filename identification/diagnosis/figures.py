@@ -20,17 +20,19 @@ if TYPE_CHECKING:
 
     from identification.diagnosis.result import Diagnosis
 
-#: Bobs shown at most.
+#: Most bobs in the figure.
 _MAX_BOBS = 5
 #: Width of the close-up of the last swings [small-angle periods].
 _CLOSE_UP_PERIODS = 4.0
-#: Curves of a law side by side.
+#: Curves of a law in a row.
 _LAW_COLUMNS = 3
 
 
 def window_tests(examined: ExaminedModel) -> list[tuple[ResidualTest, float]]:
-    """The tests of one bob in one window, in flight and near impacts, each with its −log10 p; [] if readings are too
-    few."""
+    """Tests of one bob in one window, in flight and near impacts, each with its −log10 p.
+
+    The list is empty if there are too few readings.
+    """
     scan = examined.residual_scan
     return [
         (test, value) for test, value in zip(scan.tests, scan.neg_log10_p, strict=True)
@@ -40,7 +42,7 @@ def window_tests(examined: ExaminedModel) -> list[tuple[ResidualTest, float]]:
 
 @styled
 def map_figure(examined: ExaminedModel) -> Figure:
-    """−log10 p of every window of every bob, in flight and near impacts. There must be such tests."""
+    """Plot −log10 p of every window of every bob, in flight and near impacts. `window_tests` must not be empty."""
     from matplotlib.colors import SymLogNorm
     from matplotlib.figure import Figure
 
@@ -70,7 +72,7 @@ def map_figure(examined: ExaminedModel) -> Figure:
         axes.set_ylim(len(labels) - 0.5, -0.5)
         axes.set_xlabel("time [s]")
         file = escape_mathtext(examined.fitted.experiment.runs[k].file)
-        axes.set_title(f"{file}: dots are above the largest in 95 % of replicates")
+        axes.set_title(f"{file}: dots exceed the maximum of 95 % of replicates")
     if image is not None:
         figure.colorbar(
             image, ax=list(grid), label="−log$_{10}$ p of one test", extend="max", fraction=0.04, format="%.2g"
@@ -80,7 +82,7 @@ def map_figure(examined: ExaminedModel) -> Figure:
 
 @styled
 def energy_figure(diagnosis: Diagnosis) -> Figure:
-    """Energy of the data beyond the base model and beyond the repaired one, by window, with ± 1 standard deviation."""
+    """Plot the energy of the data less that of the base and the repaired model, by window, ± 1 standard deviation."""
     from matplotlib.figure import Figure
 
     models = (
@@ -107,7 +109,7 @@ def energy_figure(diagnosis: Diagnosis) -> Figure:
 
 @styled
 def candidates_figure(diagnosis: Diagnosis) -> Figure:
-    """χ² that each candidate saves: predicted to first order, and after its refit."""
+    """Plot by how much each candidate lowers χ²: predicted to first order, and after its refit."""
     from matplotlib.figure import Figure
     from scipy.stats import chi2
 
@@ -128,7 +130,7 @@ def candidates_figure(diagnosis: Diagnosis) -> Figure:
     axes.axvline(float(chi2.isf(10.0**-threshold, 1)), color=GREY, linestyle="--")
     axes.plot([], [], marker="o", color=BLUE, linestyle="", label="predicted to first order")
     axes.plot([], [], marker="D", color=RED, linestyle="", fillstyle="none", label="refitted")
-    axes.plot([], [], color=GREY, linestyle="--", label="largest in 95 % of replicates")
+    axes.plot([], [], color=GREY, linestyle="--", label="maximum of 95 % of replicates")
     axes.set_yticks(range(len(rows)), [s.candidate.label for s in rows])
     axes.set_ylim(len(rows) - 0.5, -0.5)
     axes.set_xscale("log")
@@ -141,7 +143,7 @@ def candidates_figure(diagnosis: Diagnosis) -> Figure:
 
 @styled
 def law_figure(shape: LawShape) -> Figure:
-    """The functions of a learned law with their 95 % bands, over the range of the data."""
+    """Plot the functions of a learned law with their 95 % bands, over the range of the data."""
     from matplotlib.figure import Figure
 
     curves = shape.curves()
@@ -166,7 +168,7 @@ def law_figure(shape: LawShape) -> Figure:
 
 @styled
 def comparison_figure(diagnosis: Diagnosis) -> Figure:
-    """The last swings with the base and the repaired model, and the residuals over the whole run."""
+    """Plot the last swings with the base and the repaired model, and the residuals over the whole run."""
     from matplotlib.figure import Figure
 
     before, after = diagnosis.base, diagnosis.last

@@ -1,4 +1,4 @@
-"""b of groups of bobs that swing together, from their ring-downs."""
+"""Measure the damping of groups of bobs that swing together, from their ring-downs."""
 
 from __future__ import annotations
 
@@ -25,18 +25,18 @@ from identification.progress import Progress
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-#: Which terms there may be beside b, the simplest first.
+#: Sets of damping terms that are compared, each in addition to the linear drag b; the simplest first.
 STRUCTURES = tuple(itertools.chain.from_iterable(itertools.combinations(TERMS, k) for k in range(len(TERMS) + 1)))
 _WORDS = {"quadratic_drag": "quadratic drag c2", "pivot_friction": "Coulomb friction τ_c"}
-#: Probability below which values that should agree do not.
+#: Values disagree if the probability of their scatter is below this.
 _IMPROBABLE = 0.01
-#: RMS residual over the noise of successive readings beyond which the model is said to miss something.
+#: Largest RMS residual over the noise of successive readings without a warning about the model.
 _MISFIT = 1.2
 
 
 @dataclass(frozen=True, eq=False)
 class Recorded:
-    """One ring-down, fitted with the chosen terms: on its own strings, and as if on strings that do not stretch."""
+    """One ring-down, fitted with the chosen terms on elastic strings, and on rigid strings (`rigid`)."""
 
     fit: Fit
     rigid: Fit
@@ -44,18 +44,26 @@ class Recorded:
 
 @dataclass(frozen=True, eq=False)
 class RingdownMeasurement(Measurement):
-    """b_n of groups of n bobs, and what else damps them; see `measure_ringdown`.
+    """Damping of groups of n bobs that swing together; see `measure_ringdown`.
 
-    recordings: each with its fits; groups: (b_n, standard deviation) [kg/s] by n; law: of b_n, None for one group;
-    evidence: BIC of each structure less the least, by its terms joined with "+", "" for b alone.
+    Parameters
+    ----------
+    recordings : tuple of Recorded
+        The recordings with their fits.
+    groups : mapping of int to (float, float)
+        b_n and its standard deviation [kg/s], by n.
+    law : GroupLaw, optional
+        The law of b_n; None for one group.
+    evidence : mapping of str to float
+        BIC of each set of terms less the smallest, by its terms joined with "+"; "" is b alone.
     """
 
     kind: ClassVar[str] = "ringdown"
     caption: ClassVar[str] = (
-        "Top left: amplitude of each recording and of its model. Top right: residuals over the noise. Bottom left: the"
-        " linear drag that would damp each window of three swings alike, against its amplitude; b alone is a"
-        " horizontal line, quadratic drag rises, Coulomb friction falls. Bottom right: b of n bobs that swing together,"
-        " 95 % intervals, and the law that group_drag has, with its 95 % band."
+        "Top left: amplitude of each recording and of its model. Top right: residuals over the noise. Bottom left:"
+        " equivalent linear drag of each window of three swings, against the amplitude; b alone gives a"
+        " horizontal line, quadratic drag a rising one, Coulomb friction a falling one. Bottom right: b of n bobs that"
+        " swing together with 95 % intervals, and the law of group_drag with its 95 % band."
     )
 
     recordings: tuple[Recorded, ...]
@@ -65,17 +73,17 @@ class RingdownMeasurement(Measurement):
 
     @property
     def terms(self) -> tuple[str, ...]:
-        """What the data ask for beside b: names of effects."""
+        """Effects that the data require in addition to b, by name."""
         return self.recordings[0].fit.terms
 
     def figure(self) -> Figure:
-        """Amplitudes, residuals, damping against amplitude, and b against n."""
+        """Plot amplitudes, residuals, damping against amplitude, and b against n."""
         from identification.apparatus.ringdown.figure import ringdown_figure
 
         return ringdown_figure(self)
 
     def details(self) -> dict[str, Any]:
-        """The recordings, the comparison of models, and lines for an experiment.toml."""
+        """Return the recordings, the comparison of models, and lines for an experiment.toml."""
         return {
             "terms": list(self.terms),
             "bic_over_best": dict(self.evidence),
@@ -99,7 +107,7 @@ class RingdownMeasurement(Measurement):
         return "b", *self.terms
 
     def experiment_toml(self) -> str:
-        """Lines for an experiment.toml: [cradle] b, and the effects with their values."""
+        """Format lines for an experiment.toml: [cradle] b, and the effects with their values."""
         smallest = min(self.groups)
         b = self.groups[smallest][0] if self.law is None else self.law.b
         effects = {name: {TERMS[name]: self.values[TERMS[name]].median} for name in self.terms}
@@ -122,21 +130,21 @@ def measure_ringdown(
     fit_to: float | None = None,
     progress: Progress = lambda *_: None,
 ) -> RingdownMeasurement:
-    """Measure the damping of bobs that swing together, free of what the strings' hysteresis takes.
+    """Measure the damping of bobs that swing together, without the losses by hysteresis of the strings.
 
     Parameters
     ----------
     recordings : sequence of path
         CSV files of angles or displacements, or experiment.toml files whose runs are all read.
     cradle : Cradle, optional
-        Mass, lengths and κ for CSV files; an experiment.toml states its own. The default cradle where omitted. b is
-        proportional to the mass.
+        Mass, lengths and κ for CSV files; an experiment.toml states its own. The default cradle if omitted. The
+        measured b is proportional to the mass.
     bobs : sequence of int, optional
-        How many bobs swing together in each CSV file; as many as it has columns for where omitted.
+        Number of bobs that swing together in each CSV file; its number of columns if omitted.
     fit_from, fit_to : float, optional
         Part of each recording that is used [s].
     progress : callable, optional
-        Called with a stage, the part that is done, and words.
+        Called with (stage, fraction done, text).
 
     Returns
     -------
@@ -145,7 +153,7 @@ def measure_ringdown(
     Raises
     ------
     ValueError
-        One line, for recordings that cannot be used.
+        If recordings cannot be used; the message is one line.
     """
     assumed = cradle is None and any(Path(path).suffix != ".toml" for path in recordings)
     for count in bobs or ():
@@ -177,8 +185,10 @@ def measure_ringdown(
 
 
 def _bic(structures: Mapping[tuple[str, ...], Sequence[Fit]]) -> dict[tuple[str, ...], float]:
-    """BIC over all recordings of each structure. Correlated residuals count for fewer, as those of the fullest model
-    are."""
+    """Compute the BIC of each set of terms over all recordings.
+
+    Correlated residuals are replaced by their effective number; its inflation is that of the model with all terms.
+    """
     fullest = [one.inflation for one in structures[STRUCTURES[-1]]]
     return {
         terms: float(
@@ -193,7 +203,7 @@ def _bic(structures: Mapping[tuple[str, ...], Sequence[Fit]]) -> dict[tuple[str,
 
 
 def _mean(found: Sequence[tuple[float, float]]) -> tuple[float, float]:
-    """Weighted mean with its standard deviation, widened where the values scatter more than theirs allow."""
+    """Weighted mean and its standard deviation, which is increased if the values scatter more than their errors."""
     values, spreads = np.array(found).T
     weights = 1.0 / spreads**2
     mean = float(np.sum(weights * values) / np.sum(weights))
@@ -216,7 +226,9 @@ def _values(
     values = {}
     for n, (b, sd) in groups.items():
         meaning = (
-            "linear drag on a bob that swings alone" if n == 1 else f"linear drag on each of {n} that swing as one"
+            "linear drag on a bob that swings alone"
+            if n == 1
+            else f"linear drag on each of {n} bobs that swing together"
         )
         values[f"b_{n}"] = Value.normal(f"b_{n}", meaning, "kg/s", b, sd, 0.0)
     for name in terms:
@@ -225,8 +237,12 @@ def _values(
         values[parameter.key] = Value.normal(parameter.symbol, parameter.meaning, parameter.unit, mean, sd, 0.0)
     if law is not None:
         b_sd, slope_sd = np.sqrt(np.diag(law.covariance))
-        values["b"] = Value.normal("b", "of the law of b_n: of a bob without neighbours", "kg/s", law.b, b_sd, 0.0)
-        values["slope"] = Value.normal("s_b", "growth of b by a neighbour in touch", "1", law.slope, slope_sd)
+        values["b"] = Value.normal(
+            "b", "linear drag on a bob without neighbours, by the law of b_n", "kg/s", law.b, b_sd, 0.0
+        )
+        values["slope"] = Value.normal(
+            "s_b", "relative increase of b by a touching neighbour", "1", law.slope, slope_sd
+        )
     return values
 
 
@@ -238,20 +254,20 @@ def _findings(
     evidence: Mapping[str, float],
 ) -> tuple[str, ...]:
     if terms:
-        first = f"The damping has, beside the linear part b, {' and '.join(_WORDS[name] for name in terms)}."
+        first = f"In addition to the linear drag b, the data require {' and '.join(_WORDS[name] for name in terms)}."
     else:
-        first = "A linear drag b describes the damping; the data ask for no quadratic and no Coulomb part."
+        first = "A linear drag b describes the damping; the data require no quadratic drag and no Coulomb friction."
     others = "; ".join(
         f"b{''.join(f' + {TERMS[name]}' for name in key.split('+') if key)}: {format_number(value)}"
         for key, value in evidence.items()
     )
-    findings = [first, f"BIC over that of the best model: {others}. A difference of 10 decides."]
+    findings = [first, f"BIC over that of the best model: {others}. A difference of 10 is decisive."]
     ratios = [one.rigid.of("b")[0] / max(one.fit.of("b")[0], 1e-12) for one in made]
     if made[0].fit.swing.cradle.has("string_hysteresis"):
         share = 100.0 * (float(np.mean(ratios)) - 1.0)
         findings.append(
-            f"On strings that do not stretch b would come out {format_number(share, 2)} % different: that is what the"
-            " strings' hysteresis takes, and it is not in the values above."
+            f"A fit with rigid strings gives a b that differs by {format_number(share, 2)} %, since it includes the"
+            " losses by hysteresis of the strings. The values above do not include them."
         )
     if law is not None:
         b_sd, slope_sd = np.sqrt(np.diag(law.covariance))
@@ -268,20 +284,20 @@ def _warnings(made: Sequence[Recorded], law: GroupLaw | None, assumed: bool) -> 
         cradle = made[0].fit.swing.cradle
         warnings.append(
             f"No cradle is stated: mass {cradle.mass:g} kg, length {cradle.length:g} m and κ {cradle.kappa:.4g} N/m are"
-            " taken. b is proportional to the mass."
+            " assumed. The measured b is proportional to the mass."
         )
     for one in made:
         misfit = float(np.std(one.fit.residual)) / one.fit.swing.noise
         if misfit > _MISFIT:
             warnings.append(
                 f"{one.fit.swing.file}: the residuals are {format_number(misfit, 2)} × the noise of successive"
-                " readings; the model misses something, and the intervals are too narrow for it."
+                " readings; the model is incomplete, so the intervals are too narrow."
             )
     if law is not None and law.p < _IMPROBABLE:
         warnings.append(
-            f"b_n does not follow the law of group_drag (p = {format_number(law.p, 2)}); its interval is widened for"
-            " that."
+            f"b_n does not follow the law of group_drag (p = {format_number(law.p, 2)}); its intervals are widened"
+            " accordingly."
         )
     if law is not None and law.slope < 0.0:
-        warnings.append("b falls with the number of bobs; group_drag only lets it rise, and is left out.")
+        warnings.append("b falls with the number of bobs; group_drag can only increase it, so it is left out.")
     return tuple(warnings)

@@ -1,8 +1,9 @@
-"""Discs of a known radius in a picture: a circular Hough transform on the directions of the gradient.
+"""Find discs of a known radius in a picture, by a circular Hough transform of the directions of the gradient.
 
-A dark disc on a bright ground has gradients that point away from its centre all around its edge. The response of a
-place is the mean of their outward components around the circle about it, 1 at best, whatever the contrast.
-Ballard, Pattern Recognition 13 (1981) 111; Loy & Zelinsky, IEEE PAMI 25 (2003) 959.
+Around the edge of a dark disc on a bright ground all gradients point away from its centre. The response at a pixel is
+the mean outward component of the directions on a circle around it. Its maximum is 1, independent of the contrast.
+
+Sources: Ballard, Pattern Recognition 13 (1981) 111; Loy & Zelinsky, IEEE PAMI 25 (2003) 959.
 """
 
 from __future__ import annotations
@@ -14,27 +15,27 @@ import numpy as np
 from scipy import fft
 from scipy.ndimage import gaussian_filter, maximum_filter
 
-#: Gradients [per pixel, of 255] that count half: noise has smaller ones, edges of bobs larger ones.
+#: Gradient with weight 1/2 [grey levels of 255 per pixel]: noise has smaller gradients, edges of bobs larger ones.
 _FAINT = 2.5
 
 
 @dataclass(frozen=True, eq=False)
 class Discs:
-    """Peaks of the response: places (M, 2) as (x, y) [pixels], and responses (M,), the best first."""
+    """Peaks of the response: places (M, 2) as (x, y) [pixels], and responses (M,), in descending order."""
 
     places: np.ndarray
     responses: np.ndarray
 
 
 def reduced(picture: np.ndarray, factor: int) -> np.ndarray:
-    """The means of blocks of `factor` × `factor` pixels, as float32."""
+    """Average blocks of `factor` × `factor` pixels; float32."""
     height, width = (size // factor * factor for size in picture.shape)
     blocks = picture[:height, :width].reshape(height // factor, factor, width // factor, factor)
     return blocks.mean(axis=(1, 3), dtype=np.float32)
 
 
 def directions(picture: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Unit vectors along the gradient, shorter where it is faint: components along x and y."""
+    """Directions of the gradient g: x and y components of vectors of length |g|/(|g| + _FAINT)."""
     smooth = gaussian_filter(np.asarray(picture, np.float32), 1.0)
     along_y, along_x = np.gradient(smooth)
     size = np.hypot(along_x, along_y)
@@ -43,7 +44,7 @@ def directions(picture: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def response(direction: tuple[np.ndarray, np.ndarray], radius: float) -> np.ndarray:
-    """Of dark discs of that radius [pixels] about each pixel, (H, W); bright ones have the other sign."""
+    """Compute the response to dark discs of a radius [pixels] at each pixel, (H, W); negative for bright discs."""
     shape = direction[0].shape
     size = tuple(fft.next_fast_len(n + 2 * int(radius + 4), real=True) for n in shape)
     kernel_x, kernel_y = _kernels(round(radius, 3), size)
@@ -54,7 +55,7 @@ def response(direction: tuple[np.ndarray, np.ndarray], radius: float) -> np.ndar
 
 @functools.lru_cache(maxsize=64)
 def _kernels(radius: float, size: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:
-    """Transforms of what correlates the components with a ring."""
+    """Fourier transforms of the kernels that correlate the components with a ring."""
     y = fft.fftfreq(size[0], 1.0 / size[0])[:, None]
     x = fft.fftfreq(size[1], 1.0 / size[1])[None, :]
     distance = np.hypot(x, y)
@@ -66,7 +67,10 @@ def _kernels(radius: float, size: tuple[int, int]) -> tuple[np.ndarray, np.ndarr
 
 
 def peaks(found: np.ndarray, radius: float, least: float, most: int) -> Discs:
-    """The highest peaks of a response, no two nearer to each other than a radius, to a tenth of a pixel or so."""
+    """Find the highest peaks of a response.
+
+    Peaks are at least 0.7 radii apart. Their places are accurate to about a tenth of a pixel.
+    """
     reach = max(int(0.7 * radius), 1)
     top = (found == maximum_filter(found, 2 * reach + 1)) & (found >= least)
     top[[0, -1]] = top[:, [0, -1]] = False
@@ -85,5 +89,5 @@ def peaks(found: np.ndarray, radius: float, least: float, most: int) -> Discs:
 
 
 def vertex(before: np.ndarray, here: np.ndarray, after: np.ndarray) -> np.ndarray:
-    """Where a parabola through three values a step apart has its top, from the middle one."""
+    """Position of the maximum of a parabola through three equidistant values, in steps from the middle one."""
     return np.clip(0.5 * (before - after) / np.minimum(before - 2.0 * here + after, -1e-9), -0.5, 0.5)

@@ -1,9 +1,9 @@
 """The library of terms of learned laws, and best subsets of them in a linear model of the residuals.
 
-Coefficients c change the residuals r by S c. S⊥ is the part of S that a refit of the unknowns leaves. With
-G = S⊥ᵀS⊥ and h = −S⊥ᵀr a subset of the terms saves the χ² hᵀG⁻¹h of its rows and columns. The drag b stays in G, at
-place 0, for it cannot become negative. Subsets grow by one term and exchange terms one at a time (Miller 2002, Subset
-Selection in Regression, section 3).
+Coefficients c change the residuals r by S c. S⊥ is the part of S that a refit of the unknowns cannot compensate. With
+G = S⊥ᵀS⊥ and h = −S⊥ᵀr a subset of the terms lowers χ² by hᵀG⁻¹h of its rows and columns. The drag b stays in G, at
+place 0, since it must not become negative. Subsets grow by one term and exchange terms one at a time (Miller 2002,
+Subset Selection in Regression, section 3).
 """
 
 from __future__ import annotations
@@ -33,9 +33,9 @@ from identification.inference.noise_model import rms
 from identification.inference.nonsmooth import column_norms
 from identification.inference.start_points import point_at
 
-#: Terms of a law at most.
+#: Most terms of a law.
 MAX_TERMS = 10
-#: Share of a term's effect on the residuals that the other unknowns must not absorb.
+#: A term is left out if the unknowns absorb all but this fraction of its effect on the residuals.
 _MIN_VISIBLE_SHARE = 1e-3
 #: Lowest relative change of b: drag stays positive.
 _MIN_B_CHANGE = -0.9
@@ -43,7 +43,7 @@ _MIN_B_CHANGE = -0.9
 _STEP = 1e-6
 #: RMS change of the residuals by which the step is chosen [noise].
 TARGET_SHIFT = 0.3
-#: Tries to find that step.
+#: Most attempts to find that step.
 _TRIES = 6
 #: The unknown that periodic terms share.
 FREQUENCY = f"{learned_force.name}.frequency"
@@ -55,8 +55,14 @@ Scales = Mapping[str, float]
 class Term:
     """One term of the library.
 
-    effect, key: of its coefficient. element: the bob or pair that it acts on, from 1; 0: all, with one coefficient.
-    single: whether the coefficient has one value anyway.
+    Parameters
+    ----------
+    effect, key : str
+        The effect and the key of the coefficient.
+    element : int
+        Bob or pair on which the term acts, from 1; 0 if one coefficient applies to all.
+    single : bool
+        Whether the coefficient does not distinguish bobs or pairs.
     """
 
     effect: str
@@ -102,7 +108,7 @@ def selection_cost(cradle: Cradle, terms: int) -> float:
 def selection_cost_beside(fitted: FitResult, terms: int) -> float:
     """The same for a law added to a fitted model; 0 if that is misspecified.
 
-    There the residuals set the scale of the evidence, and a few terms are not all that is missing.
+    For a misspecified model the residuals set the scale of the evidence, and a few terms do not complete it.
     """
     far = rms(fitted.residuals[: fitted.count]) > MISSPECIFIED_GAP
     return 0.0 if far else selection_cost(fitted.cradle, terms)
