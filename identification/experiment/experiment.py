@@ -152,7 +152,7 @@ class Experiment:
 
         Raises
         ------
-        ExperimentError
+        ValueError
             If a file is unusable. The message is one line with file, line, key or column, and remedy.
         """
         path = Path(path)

@@ -324,7 +324,7 @@ class Posterior(Samples):
 
         Raises
         ------
-        ExperimentError
+        ValueError
             If it is not such a file; the message names file and field.
         """
         samples = read_posterior(Path(path), workers)
