@@ -61,7 +61,7 @@ def calibrate(
     steps : int, optional
         Total number of steps of each walker. Sampling stops on convergence if omitted.
     max_steps : int
-        Steps at most.
+        Largest number of steps of each walker.
     seed : int
         Seed of all random numbers.
     workers : int, optional

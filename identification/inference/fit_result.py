@@ -188,7 +188,7 @@ class FitResult:
         return laplace_approximation(self.likelihood, self.point, self.jacobian).covariance
 
     def gap(self, rows: list[np.ndarray]) -> float:
-        """RMS residual over the noise in rows (T,) of each run; nan where there are none."""
+        """RMS residual over the noise in rows (T,) of each run; nan if there are none."""
         parts = []
         for k, run in enumerate(self.experiment.runs):
             if rows[k].any():

@@ -37,7 +37,7 @@ class Misfit(Protocol):
     workers: int | None
 
     def residuals(self, point: np.ndarray) -> np.ndarray:
-        """Residuals (R + P,) at a point (D,); ImpossibleModelError where there is no motion."""
+        """Residuals (R + P,) at a point (D,); ImpossibleModelError if no motion is possible."""
         ...
 
 
