@@ -4,7 +4,7 @@ import math
 
 from cradle_env.mechanics.contact import CONTACT, TOUCHING, pair, pair_at
 from cradle_env.mechanics.integrator import between, derivative, step
-from cradle_env.mechanics.jit import jit, leaf, part
+from cradle_env.mechanics.jit import jit, leaf
 from cradle_env.mechanics.layout import (
     BROUGHT,
     CONTACT_LOSS,
@@ -147,7 +147,7 @@ def first_touch(cradle, bobs, S, p, low, g0, v0, high, g1, v1):
     return closing(cradle, bobs, S, p, low, high, 0.0)
 
 
-@part
+@jit
 def turning_point(cradle, bobs, S, p, low, high, sign):
     """The instant [s], to 1e-9 or its last digit, at which the opening speed of pair p takes on the given sign."""
     least = max(1e-9, _NEIGHBOURS * high)
@@ -183,7 +183,7 @@ def closing(cradle, bobs, S, p, low, high, depth):
         t = newton
 
 
-@part
+@jit
 def step_to(cradle, bobs, S, W, i, t):
     """Steps bob i's group exactly to time t [s] of its segment, into W[:, OUT]."""
     # The present segment is left: nothing that was laid or seen beyond it holds.
@@ -198,7 +198,7 @@ def step_to(cradle, bobs, S, W, i, t):
     step(cradle, bobs, S, W, int(S[i, FIRST]), int(S[i, LAST]), t - S[i, T0])
 
 
-@part
+@jit
 def last_moment(cradle, bobs, S, W, p):
     """How much later [s] than foreseen pair p touches; both bobs are at the foreseen instant, in W[:, OUT]."""
     t = S[p, MEETING]
@@ -209,7 +209,7 @@ def last_moment(cradle, bobs, S, W, p):
     return max(late, S[p, T0] - t, S[p + 1, T0] - t)
 
 
-@part
+@jit
 def linger(cradle, bobs, S, W, lo, hi, t, dt):
     """Moves bob i's group, at time t [s] in W[:, OUT], by dt [s] along its tangent."""
     derivative(cradle, bobs, S, W, lo, hi, t, W, OUT, W, STAGES)

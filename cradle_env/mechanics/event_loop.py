@@ -15,7 +15,7 @@ from cradle_env.mechanics.flight import lay
 from cradle_env.mechanics.forces import radius_and_speed
 from cradle_env.mechanics.impact import chain, follow, settle, settle_resolved, two_body
 from cradle_env.mechanics.integrator import between, derivative, free_derivative, pivot_between
-from cradle_env.mechanics.jit import entry, jit, leaf, part
+from cradle_env.mechanics.jit import entry, jit, leaf
 from cradle_env.mechanics.layout import (
     BRANCH,
     DIM,
@@ -92,7 +92,7 @@ def run(cradle, bobs, table, S, W, until, times, motion, energy, impacts, count)
     return status, count
 
 
-@part
+@jit
 def advance(cradle, bobs, table, S, W, until, times, motion, energy, impacts, count):
     """The loop of `run`: every event up to `until` [s]."""
     lo, hi = _FIRST, _FIRST  # bobs to fly on
@@ -120,7 +120,7 @@ def advance(cradle, bobs, table, S, W, until, times, motion, energy, impacts, co
             lo, hi = finish(cradle, bobs, S, W, bob, times, motion, energy)
 
 
-@part
+@jit
 def begin(cradle, bobs, S, W):
     """Finds which contacts persist at START, at T0. Returns how many bobs there are to fly on."""
     n = len(bobs)
@@ -133,7 +133,7 @@ def begin(cradle, bobs, S, W):
     return n
 
 
-@part
+@jit
 def next_event(S):
     """(bob, end) of the segment that ends first, (pair, instant) of the meeting that comes first."""
     bob, p, end, meeting = _FIRST, _FIRST, S[0, T1], S[0, MEETING]
@@ -145,7 +145,7 @@ def next_event(S):
     return bob, end, p, meeting
 
 
-@part
+@jit
 def fly_on(cradle, bobs, S, W, lo, hi):
     """Lays the next segment of every group among the bobs lo..hi-1 and looks for meetings with neighbours."""
     finite = lay(cradle, bobs, S, W, lo, hi)
@@ -253,7 +253,7 @@ def regroup(cradle, bobs, S, W, lo, hi):
             first = i + 1
 
 
-@part
+@jit
 def meet(cradle, bobs, table, S, W, p, times, motion, energy, impacts, count):
     """The meeting of pair p: ends the segments of all bobs concerned, resolves the impact, decides which contacts
     persist. Returns the range of bobs to fly on, and the rows of `impacts` in use."""

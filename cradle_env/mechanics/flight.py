@@ -4,7 +4,7 @@ import math
 
 from cradle_env.mechanics.contact import blow_speed, close_gaps, opening, pair
 from cradle_env.mechanics.integrator import derivative, step
-from cradle_env.mechanics.jit import jit, part
+from cradle_env.mechanics.jit import jit
 from cradle_env.mechanics.lanes import WIDTH
 from cradle_env.mechanics.layout import (
     BRANCH,
@@ -50,7 +50,7 @@ _PART_TOLERANCE = 1e-10
 _SHORTEST = 0.25
 
 
-@part
+@jit
 def lay(cradle, bobs, S, W, lo, hi):
     """Lays the next segment of every group among the bobs lo..hi-1. Returns whether all are finite."""
     i, lanes, finite = lo, NO_LANE, True
@@ -72,7 +72,7 @@ def lay(cradle, bobs, S, W, lo, hi):
     return finite
 
 
-@part
+@jit
 def plan(cradle, bobs, S, W, lo, hi):
     """Lays the segment of the bobs lo..hi-1 from its start: to a point of the grid, or to the first event of a
     string, a persistent contact or a resolved contact before it. Returns whether it is finite."""
@@ -120,7 +120,7 @@ def _fly(cradle, bobs, S, W, lo, hi, h):
     derivative(cradle, bobs, S, W, lo, hi, S[lo, T0] + h, S, END, S, RATE1)
 
 
-@part
+@jit
 def contact_step(cradle, bobs, S, lo, hi, h):
     """The step [s] that follows the resolved contacts of a group and what acts between near bobs, at most h."""
     for p in range(lo, hi - 1):
@@ -140,7 +140,7 @@ def contact_step(cradle, bobs, S, lo, hi, h):
     return h
 
 
-@part
+@jit
 def _held(cradle, bobs, S, W, p, h, c):
     """What holds a contact of pair p h [s] after the start of its segment, where the motion stands in S from column c
     on: the force [N] of a persistent one, the overlap [m] of a resolved one. Negative where it has ended; 0 for bobs
@@ -150,7 +150,7 @@ def _held(cradle, bobs, S, W, p, h, c):
     return -pair(cradle, bobs, p, S[p, T0] + h, S, c)[0] if S[p, LINK] == RESOLVED else 0.0
 
 
-@part
+@jit
 def _fly_to_parting(cradle, bobs, S, W, lo, hi, h, p):
     """Ends the segment where what holds contact p reaches zero, found by false position (Illinois)."""
     if h <= _PART_TOLERANCE:

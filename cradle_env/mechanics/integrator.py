@@ -9,7 +9,7 @@ from numba import int64
 
 from cradle_env.mechanics.contact import contact_forces, pair_forces
 from cradle_env.mechanics.forces import pivot_at, rates
-from cradle_env.mechanics.jit import jit, part
+from cradle_env.mechanics.jit import jit
 from cradle_env.mechanics.lanes import motion_on
 from cradle_env.mechanics.layout import (
     BROUGHT,
@@ -76,7 +76,7 @@ def free_derivative(cradle, bobs, S, W, lo, hi, t, A, c, R, rate):
             R[0, rate + FRAME], R[0, rate + FRAME + 1] = frame_v, force / cradle.frame_mass
 
 
-@part
+@jit
 def step(cradle, bobs, S, W, lo, hi, h):
     """Advances the group of bobs lo..hi-1 by h [s] from the start of its segment, into W[:, OUT]."""
     if hi - lo == 1 and not cradle.coupled:

@@ -9,7 +9,7 @@ import math
 import numpy as np
 
 from cradle_env.mechanics.forces import pivot_at
-from cradle_env.mechanics.jit import jit, leaf, part
+from cradle_env.mechanics.jit import jit, leaf
 from cradle_env.mechanics.lanes import (
     ALLOWED,
     BEND,
@@ -100,7 +100,7 @@ def brought_on(bob, S, i, c, x, vx):
     return S[i, c + BROUGHT] + bob.drive * impulse
 
 
-@part
+@jit
 def lay_ahead(cradle, bobs, S, W, lanes):
     """Fills the lanes from number `lanes` on with segments that follow, those due first."""
     for lane in range(lanes, WIDTH):

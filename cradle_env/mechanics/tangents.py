@@ -20,7 +20,7 @@ import math
 
 import numpy as np
 
-from cradle_env.mechanics.jit import entry, jit, part
+from cradle_env.mechanics.jit import entry, jit
 from cradle_env.mechanics.layout import (
     BRANCH,
     GRID,
@@ -110,7 +110,7 @@ def fly(cradle, bob, S, W, sheet, inputs, i, until, inclusive, times, fields, D,
     S[i, SAMPLED] = k
 
 
-@part
+@jit
 def vary_inputs(bob, S, i, fields, D, inputs):
     """Derivatives of the inputs of `tangent_lanes` by the parameters, for the segment that begins at START."""
     pull = bob.grip * bob.mobility
@@ -123,7 +123,7 @@ def vary_inputs(bob, S, i, fields, D, inputs):
         inputs[q, 10], inputs[q, 11] = fields[q, FALL], 0.0
 
 
-@part
+@jit
 def sample(sheet, inputs, i, k, theta, r):
     """Takes sample k of bob i where the sheet stands."""
     x, z = sheet[AT], sheet[AT + 1]
@@ -133,7 +133,7 @@ def sample(sheet, inputs, i, k, theta, r):
         theta[q, k, i], r[q, k, i] = (x * dz - z * dx) / r2, (x * dx + z * dz) / math.sqrt(r2)
 
 
-@part
+@jit
 def arrive(bob, S, i, t, sheet, inputs, fields, D):
     """Makes the motion where the sheet stands bob i's new start at t [s], with its derivatives."""
     S[i, T0] = t
