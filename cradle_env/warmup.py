@@ -10,6 +10,7 @@ import numpy as np
 
 from cradle_env.constitutive import restitution_curve, string_tension
 from cradle_env.cradle import Cradle
+from cradle_env.mechanics import apart
 from cradle_env.release import InitialState, Release
 from cradle_env.simulation import raised, simulate
 
@@ -30,6 +31,7 @@ def simulations() -> None:
     raised(cradle, Release(angle=0.2))
     restitution_curve(cradle, np.array([0.1]))
     string_tension(cradle, np.array([1e-6]))
+    apart.compile_all()
 
 
 def environments() -> None:

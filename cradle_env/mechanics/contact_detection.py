@@ -3,7 +3,7 @@
 import math
 
 from cradle_env.mechanics.contact import CONTACT, TOUCHING, pair, pair_at
-from cradle_env.mechanics.integrator import between, derivative, step
+from cradle_env.mechanics.integrator import between, derivative_between_segments, step_apart
 from cradle_env.mechanics.jit import jit, leaf
 from cradle_env.mechanics.layout import (
     BROUGHT,
@@ -195,7 +195,7 @@ def step_to(cradle, bobs, S, W, i, t):
         W[i, OUT + DRAG], W[i, OUT + CONTACT_LOSS] = drag_on(S, i, t), S[i, START + CONTACT_LOSS]
         W[i, OUT + BROUGHT] = brought_on(bobs[i], S, i, START, W[i, OUT], W[i, OUT + 2])
         return
-    step(cradle, bobs, S, W, int(S[i, FIRST]), int(S[i, LAST]), t - S[i, T0])
+    step_apart(cradle, bobs, S, W, int(S[i, FIRST]), int(S[i, LAST]), t - S[i, T0])
 
 
 @jit
@@ -212,7 +212,7 @@ def last_moment(cradle, bobs, S, W, p):
 @jit
 def linger(cradle, bobs, S, W, lo, hi, t, dt):
     """Moves bob i's group, at time t [s] in W[:, OUT], by dt [s] along its tangent."""
-    derivative(cradle, bobs, S, W, lo, hi, t, W, OUT, W, STAGES)
+    derivative_between_segments(cradle, bobs, S, W, lo, hi, t, W, OUT, W, STAGES)
     for i in range(lo, hi):
         for c in range(DIM):
             W[i, OUT + c] += dt * W[i, STAGES + c]

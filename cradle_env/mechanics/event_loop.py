@@ -14,7 +14,12 @@ from cradle_env.mechanics.energy_ledger import book, string_work
 from cradle_env.mechanics.flight import lay
 from cradle_env.mechanics.forces import radius_and_speed
 from cradle_env.mechanics.impact import chain, follow, settle, settle_resolved, two_body
-from cradle_env.mechanics.integrator import between, derivative, free_derivative, pivot_between
+from cradle_env.mechanics.integrator import (
+    between,
+    derivative_between_segments,
+    free_derivative_between_segments,
+    pivot_between,
+)
 from cradle_env.mechanics.jit import entry, jit, leaf
 from cradle_env.mechanics.layout import (
     BRANCH,
@@ -127,7 +132,7 @@ def begin(cradle, bobs, S, W):
     first = _FIRST
     for i in range(n):
         S[i, DISSIPATION], S[i, SEEN] = cradle.contact_k_f, -1.0
-    free_derivative(cradle, bobs, S, W, first, n, S[0, T0], S, START, S, RATE0)
+    free_derivative_between_segments(cradle, bobs, S, W, first, n, S[0, T0], S, START, S, RATE0)
     settle(cradle, bobs, S, W, first, n)
     regroup(cradle, bobs, S, W, first, n)
     return n
@@ -249,7 +254,7 @@ def regroup(cradle, bobs, S, W, lo, hi):
         if i == hi - 1 or (S[i, LINK] == OPEN and not cradle.coupled):
             for j in range(first, i + 1):
                 S[j, FIRST], S[j, LAST] = first, i + 1
-            derivative(cradle, bobs, S, W, first, i + 1, S[first, T0], S, START, S, RATE0)
+            derivative_between_segments(cradle, bobs, S, W, first, i + 1, S[first, T0], S, START, S, RATE0)
             first = i + 1
 
 

@@ -2,6 +2,9 @@
 
 import math
 
+from numba import types
+
+from cradle_env.mechanics.apart import GROUP, apart
 from cradle_env.mechanics.contact import blow_speed, close_gaps, opening, pair
 from cradle_env.mechanics.integrator import derivative, step
 from cradle_env.mechanics.jit import jit
@@ -72,7 +75,7 @@ def lay(cradle, bobs, S, W, lo, hi):
     return finite
 
 
-@jit
+@apart(types.boolean, *GROUP)
 def plan(cradle, bobs, S, W, lo, hi):
     """Lays the segment of the bobs lo..hi-1 from its start: to a point of the grid, or to the first event of a
     string, a persistent contact or a resolved contact before it. Returns whether it is finite."""

@@ -110,16 +110,22 @@ def rates(cradle, bob, t0, t1, t2, t, pivot, drive, x, z, vx, vz):
     """
     if not cradle.elastic:
         return rates_on_rigid_strings(cradle, bob, t, drive, x, vx)
+    ax, az, power, hold = rates_on_elastic_strings(bob, t0, t1, t2, t, pivot, x, z, vx, vz)
+    if has_added_forces(cradle, bob):
+        more_x, more_z, more = added_on_elastic_strings(cradle, bob, t, drive, x - pivot, z, vx, vz)
+        return ax + more_x, az + more_z, power + more, hold
+    return ax, az, power, hold
+
+
+@leaf
+def rates_on_elastic_strings(bob, t0, t1, t2, t, pivot, x, z, vx, vz):
+    """`rates`, without `added_forces`."""
     from_pivot = x - pivot
     r2 = from_pivot * from_pivot + z * z
     pull = bob.grip * bob.mobility / math.sqrt(r2) * tension(t0, t1, t2, stretch(bob, t, r2))
     drag = bob.b * bob.mobility
     ax, az = -pull * from_pivot - drag * vx, -pull * z - drag * vz - bob.fall
-    power, hold = bob.b * (vx * vx + vz * vz), pull * from_pivot / bob.mobility
-    if has_added_forces(cradle, bob):
-        more_x, more_z, more = added_on_elastic_strings(cradle, bob, t, drive, from_pivot, z, vx, vz)
-        return ax + more_x, az + more_z, power + more, hold
-    return ax, az, power, hold
+    return ax, az, bob.b * (vx * vx + vz * vz), pull * from_pivot / bob.mobility
 
 
 @jit

@@ -4,7 +4,9 @@ end of a bounce too small to matter."""
 import math
 
 import numpy as np
+from numba import types
 
+from cradle_env.mechanics.apart import BOBS_TYPE, CRADLE_TYPE, GROUP, ROWS_TYPE, apart
 from cradle_env.mechanics.contact import (
     LEAST_BOUNCE,
     TOUCHING,
@@ -81,7 +83,7 @@ def two_body(cradle, bobs, table, S, W, p):
     W[p, LOSS] = 0.5 * v_n * v_n * (1.0 - e * e) / d
 
 
-@jit
+@apart(types.none, CRADLE_TYPE, BOBS_TYPE, ROWS_TYPE, ROWS_TYPE, types.int64, types.int64)
 def follow(cradle, bobs, table, S, lo, hi):
     """Begins to follow in time the contacts of the bobs lo..hi-1, struck as one; those that it follows already go on.
 
@@ -290,7 +292,7 @@ def settle(cradle, bobs, S, W, lo, hi):
     return made
 
 
-@jit
+@apart(types.boolean, *GROUP)
 def settle_resolved(cradle, bobs, S, W, lo, hi):
     """Makes persistent the contacts, followed in time, of a group that has all but come to rest.
 

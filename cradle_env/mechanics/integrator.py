@@ -5,10 +5,11 @@ couple them at a distance, share a group and a step.
 """
 
 import numpy as np
-from numba import int64
+from numba import int64, types
 
+from cradle_env.mechanics.apart import GROUP, ROWS_TYPE, apart
 from cradle_env.mechanics.contact import contact_forces, pair_forces
-from cradle_env.mechanics.forces import pivot_at, rates
+from cradle_env.mechanics.forces import pivot_at, rates, rates_on_elastic_strings
 from cradle_env.mechanics.jit import jit
 from cradle_env.mechanics.lanes import motion_on
 from cradle_env.mechanics.layout import (
@@ -66,14 +67,48 @@ def free_derivative(cradle, bobs, S, W, lo, hi, t, A, c, R, rate):
             pivot_at(bobs[i], t) + frame_x, drive, A[i, c], A[i, c + 1], A[i, c + 2], A[i, c + 3],
         )  # fmt: skip
         pull += hold
-        R[i, rate], R[i, rate + 1] = A[i, c + 2], A[i, c + 3]
-        R[i, rate + 2], R[i, rate + 3] = ax, az
-        R[i, rate + DRAG], R[i, rate + CONTACT_LOSS], R[i, rate + BROUGHT] = power, 0.0, -drive * hold
+        _write_rates(A, c, R, rate, i, drive, ax, az, power, hold)
     if cradle.coupled:
         pair_forces(cradle, bobs, t, A, c, R, rate)
         if cradle.frame_mass > 0.0:
             force = pull - cradle.frame_stiffness * frame_x - cradle.frame_damping * frame_v
             R[0, rate + FRAME], R[0, rate + FRAME + 1] = frame_v, force / cradle.frame_mass
+
+
+@jit
+def _write_rates(A, c, R, rate, i, drive, ax, az, power, hold):
+    R[i, rate], R[i, rate + 1] = A[i, c + 2], A[i, c + 3]
+    R[i, rate + 2], R[i, rate + 3] = ax, az
+    R[i, rate + DRAG], R[i, rate + CONTACT_LOSS], R[i, rate + BROUGHT] = power, 0.0, -drive * hold
+
+
+_DERIVATIVE = (types.none, *GROUP, types.float64, ROWS_TYPE, types.int64, ROWS_TYPE, types.int64)
+_derivative_apart = apart(*_DERIVATIVE)(derivative.py_func)
+_free_derivative_apart = apart(*_DERIVATIVE)(free_derivative.py_func)
+
+
+@jit
+def derivative_between_segments(cradle, bobs, S, W, lo, hi, t, A, c, R, rate):
+    """`derivative`, in line for a bob that moves alone on series."""
+    if hi - lo == 1:
+        free_derivative_between_segments(cradle, bobs, S, W, lo, hi, t, A, c, R, rate)
+    else:
+        _derivative_apart(cradle, bobs, S, W, lo, hi, t, A, c, R, rate)
+
+
+@jit
+def free_derivative_between_segments(cradle, bobs, S, W, lo, hi, t, A, c, R, rate):
+    """`free_derivative`, in line for bobs that move on series where they are alone."""
+    if cradle.series == 0:
+        _free_derivative_apart(cradle, bobs, S, W, lo, hi, t, A, c, R, rate)
+        return
+    frame_x, frame_v = A[0, c + FRAME], A[0, c + FRAME + 1]  # 0, but -0 + 0 is not -0
+    for i in range(lo, hi):
+        ax, az, power, hold = rates_on_elastic_strings(
+            bobs[i], S[i, TENSION], S[i, TENSION + 1], S[i, TENSION + 2], t,
+            pivot_at(bobs[i], t) + frame_x, A[i, c], A[i, c + 1], A[i, c + 2], A[i, c + 3],
+        )  # fmt: skip
+        _write_rates(A, c, R, rate, i, bobs[i].drive + frame_v, ax, az, power, hold)
 
 
 @jit
@@ -117,6 +152,9 @@ def _step_group(cradle, bobs, S, W, lo, hi, h):
             W[i, OUT + c] = S[i, START + c] + h * total
 
 
+step_apart = apart(types.none, *GROUP, types.float64)(step.py_func)
+
+
 @jit
 def between(S, i, t):
     """Coordinates and velocities of bob i at time t [s] of its segment: its series, or quintic Hermite.
@@ -128,6 +166,11 @@ def between(S, i, t):
         return S[i, end], S[i, end + 1], S[i, end + 2], S[i, end + 3]
     if S[i, ON_SERIES] != 0.0:
         return motion_on(S, i * COLUMNS + SERIES, t - S[i, T0])
+    return _hermite(S, i, t)
+
+
+@apart(types.UniTuple(types.float64, 4), ROWS_TYPE, types.int64, types.float64)
+def _hermite(S, i, t):
     h = S[i, T1] - S[i, T0]
     u = (t - S[i, T0]) / h
     v = 1.0 - u
@@ -148,7 +191,7 @@ def pivot_between(cradle, bob, S, t):
     """(x [m], dx/dt [m/s]) of a bob's pivot at time t [s], on the frame if that moves."""
     if cradle.frame_mass == 0.0 or S[0, T1] == S[0, T0]:
         return pivot_at(bob, t), bob.drive
-    return pivot_at(bob, t) + cubic_between(S, 0, FRAME, t), bob.drive + cubic_between(S, 0, FRAME + 1, t)
+    return pivot_at(bob, t) + cubic_between(S, int64(0), FRAME, t), bob.drive + cubic_between(S, int64(0), FRAME + 1, t)
 
 
 @jit

@@ -11,21 +11,25 @@ kernel above. Here the kernels that Python calls do that alone, once for all bel
 import functools
 import gc
 import hashlib
+import logging
 import os
 import tempfile
 import threading
 from pathlib import Path
 
 import numba
-from llvmlite.binding import Linkage
+from llvmlite.binding import Linkage, create_pass_builder, create_pipeline_tuning_options
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import Compiler
 
 # The numpy error model drops a branch per division. Kernels allocate nothing, and without numba's runtime no array is
-# counted at every call: nearly twice as fast. No fastmath, not even contracted multiply-adds: they gain 5 to 10 %, but
-# round as the compiler happens to inline, so that the process that compiles differed in last bits from those that load.
-_OPTIONS = {"nogil": True, "error_model": "numpy", "_nrt": False}
-_INNER = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True, **_OPTIONS}
+# counted at every call: nearly twice as fast. No rewrites: they serve expressions of whole arrays. No fastmath, not
+# even contracted multiply-adds: they gain 5 to 10 %, but round as the compiler happens to inline, so that the process
+# that compiles differed in last bits from those that load.
+_OPTIONS = {"nogil": True, "error_model": "numpy", "_nrt": False, "no_rewrites": True}
+_INNER = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+# Passes of numba for what kernels do not have: closures, functions to copy in, branches known when they compile.
+_NEEDLESS = {"inline_closure_likes", "inline_inlinables", "inline_overloads", "dead_branch_prune"}
 
 
 def _cache_folder() -> str | None:
@@ -61,6 +65,15 @@ class _WholeCode(JITCodeLibrary):
                 self._linking_libraries.remove(other)
             super().add_linking_library(other)
 
+    def _optimize_functions(self, module):
+        # numba lets its passes run on declarations too, which are most of what a small kernel's module has.
+        module.data_layout = self._codegen._data_layout
+        passes = create_pass_builder(self._codegen._tm, create_pipeline_tuning_options(speed_level=3))
+        simplify = passes.getFunctionPassManager()
+        for function in module.functions:
+            if not function.is_declaration:
+                simplify.run(function, passes)
+
     def _optimize_final_module(self):
         # Nobody else calls a kernel below: where one caller is all that it has, it becomes a part of that.
         for function in self._final_module.functions:
@@ -95,10 +108,13 @@ class _Inner(Compiler):
     code = _Code
 
     def define_pipelines(self):
-        """numba's own passes, into a library of ours."""
+        """numba's own passes, as far as kernels need them, into a library of ours."""
         self.state.library = self.code(self.state.targetctx.codegen(), "kernel")
         self.state.library.enable_object_caching()
-        return super().define_pipelines()
+        pipelines = super().define_pipelines()
+        for pipeline in pipelines:
+            pipeline.passes = [each for each in pipeline.passes if each[0].name() not in _NEEDLESS]
+        return pipelines
 
 
 class _Entry(_Inner):
@@ -117,23 +133,42 @@ class _Entry(_Inner):
             gc.enable()
 
 
+class _Extra(_Entry):
+    """Compiles a kernel for what most runs do not need."""
+
+    def compile_extra(self, func):
+        """Says so, for it takes seconds."""
+        message = "compiling %r, which plain runs do not need: once for this machine"
+        logging.getLogger("cradle_env").warning(message, func.__name__)
+        return super().compile_extra(func)
+
+
 def jit(function):
     """Compiles a kernel that other kernels call."""
-    return numba.njit(pipeline_class=_Inner, **_INNER)(function)
+    return numba.njit(pipeline_class=_Inner, **_OPTIONS, **_INNER)(function)
 
 
 def leaf(function):
     """Compiles a small kernel whose machine code goes into each of its callers."""
-    return numba.njit(forceinline=True, pipeline_class=_Inner, **_INNER)(function)
+    return numba.njit(forceinline=True, pipeline_class=_Inner, **_OPTIONS, **_INNER)(function)
 
 
 def entry(function):
     """Compiles a kernel that Python calls, and caches it."""
+    return _cached(function, _Entry, {})
+
+
+def extra(function):
+    """Compiles a kernel for what most runs do not need, says so, and caches it. Only `apart` calls it."""
+    return _cached(function, _Extra, _INNER)
+
+
+def _cached(function, pipeline, options):
     if _FOLDER is None:
-        return numba.njit(pipeline_class=_Entry, **_OPTIONS)(function)
+        return numba.njit(pipeline_class=pipeline, **_OPTIONS, **options)(function)
     previous, numba.config.CACHE_DIR = numba.config.CACHE_DIR, _FOLDER
     try:
-        return numba.njit(cache=True, pipeline_class=_Entry, **_OPTIONS)(function)
+        return numba.njit(cache=True, pipeline_class=pipeline, **_OPTIONS, **options)(function)
     finally:
         numba.config.CACHE_DIR = previous
 

@@ -70,6 +70,7 @@ from cradle_env.mechanics.string_events import CROSSING, direction_after, loadin
 
 # Which segment of a bob is in a lane; an empty lane is the first.
 PRESENT, FOLLOWING, NO_LANE = np.int64(0), np.int64(1), np.int64(0)
+_NOBODY = np.int64(-1)
 # Halvings that find the bottom of a dip.
 _BISECTIONS = 20
 
@@ -104,7 +105,7 @@ def brought_on(bob, S, i, c, x, vx):
 def lay_ahead(cradle, bobs, S, W, lanes):
     """Fills the lanes from number `lanes` on with segments that follow, those due first."""
     for lane in range(lanes, WIDTH):
-        bob, first = -1, math.inf
+        bob, first = _NOBODY, math.inf
         for i in range(len(bobs)):
             taken = S[i, LATER] != 0.0 or S[i, ON_SERIES] == 0.0 or S[i, T1] >= first or S[i, T1] > S[i, MEETING]
             if i > 0:
