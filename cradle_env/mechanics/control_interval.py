@@ -5,7 +5,7 @@ import math
 from cradle_env.mechanics.contact import place
 from cradle_env.mechanics.energy_ledger import book, motion_at
 from cradle_env.mechanics.event_loop import DONE, FULL, NO_REST, NOT_FINITE, advance
-from cradle_env.mechanics.initial_state import lift
+from cradle_env.mechanics.initial_state import put_lifted
 from cradle_env.mechanics.integrator import between, pivot_between
 from cradle_env.mechanics.jit import entry, jit
 from cradle_env.mechanics.layout import (
@@ -125,7 +125,7 @@ def let_go(cradle, bobs, S, W, angles, episode, ring, delta, angle):
         hold(cradle, bobs, i, delta)
         for c in range(COLUMNS):
             S[i, c] = 0.0
-    angle = lift(cradle, bobs, episode.lifted, angle, episode.hanging != 0, S, W, angles)
+    angle = put_lifted(cradle, bobs, episode.lifted, angle, episode.hanging != 0, S, W, angles)
     if math.isnan(angle):
         return False
     episode.angle = angle
@@ -286,7 +286,7 @@ def begin(cradles, bobs, S, W, angles, episodes, observations, report, k):
             S[k, i, c] = 0.0
     angle = meaning(episodes[k].angle_range, 0.0)
     lifted = episodes[k].lifted if episodes[k].angle_column < 0 else 0
-    held = lift(cradles[k], bobs[k], lifted, angle, episodes[k].hanging != 0, S[k], W, angles)
+    held = put_lifted(cradles[k], bobs[k], lifted, angle, episodes[k].hanging != 0, S[k], W, angles)
     if math.isnan(held):
         return False
     for c in range(report.shape[1]):

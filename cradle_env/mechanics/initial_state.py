@@ -106,6 +106,18 @@ def hang(cradle, bob, S, i, fx, fz):
 
 @entry
 def at_rest(cradle, bobs, angles, hanging, S, W):
+    """`put_at_rest`, for Python."""
+    return put_at_rest(cradle, bobs, angles, hanging, S, W)
+
+
+@entry
+def lift(cradle, bobs, lifted, angle, hanging, S, W, angles):
+    """`put_lifted`, for Python."""
+    return put_lifted(cradle, bobs, lifted, angle, hanging, S, W, angles)
+
+
+@jit
+def put_at_rest(cradle, bobs, angles, hanging, S, W):
     """Fills S, at T0, with bobs at rest: lifted to angles (N,) [rad], the others (nan) in their common equilibrium.
 
     A lifted bob starts at r0, its strings unstretched, or, with `hanging`, at the length at which its weight alone
@@ -172,9 +184,9 @@ def at_rest(cradle, bobs, angles, hanging, S, W):
     return spread(cradle, bobs, S, W)
 
 
-@entry
-def lift(cradle, bobs, lifted, angle, hanging, S, W, angles):
-    """`at_rest` with the last `lifted` bobs at an angle [rad], raised until they clear those that hang.
+@jit
+def put_lifted(cradle, bobs, lifted, angle, hanging, S, W, angles):
+    """`put_at_rest` with the last `lifted` bobs at an angle [rad], raised until they clear those that hang.
 
     angles (N,) is scratch. Returns the angle, 0 where none is lifted, nan where there is no such rest.
     """
@@ -183,7 +195,7 @@ def lift(cradle, bobs, lifted, angle, hanging, S, W, angles):
     for _ in range(_RAISES):
         for i in range(n):
             angles[i] = angle if i >= first else math.nan
-        if at_rest(cradle, bobs, angles, hanging, S, W) == math.inf:
+        if put_at_rest(cradle, bobs, angles, hanging, S, W) == math.inf:
             return math.nan
         if lifted == 0:
             return 0.0
