@@ -138,7 +138,7 @@ class _Extra(_Entry):
 
     def compile_extra(self, func):
         """Says so, for it takes seconds."""
-        message = "compiling %r, which plain runs do not need: once for this machine"
+        message = "compiling %r, which most runs do not need: once for this machine"
         logging.getLogger("cradle_env").warning(message, func.__name__)
         return super().compile_extra(func)
 
