@@ -7,6 +7,8 @@ address, which the calling kernel asks for once: Python compiles it then, or loa
 import contextlib
 import ctypes
 import functools
+import os
+import sys
 import threading
 from _thread import interrupt_main
 
@@ -87,7 +89,10 @@ def _address(kernel, arguments):
 
 def _uninterrupted(function):
     """What `function` returns. Machine code waits for it, so Ctrl-C must: the function runs in a thread, which gets
-    none, and the main thread is interrupted afterwards."""
+    none, and the main thread is interrupted afterwards.
+
+    Machine code cannot take an exception, and without an address it cannot go on: after an error the process ends.
+    """
     found, interrupted = [], False
     thread = threading.Thread(target=lambda: found.append(function()))
     thread.start()
@@ -98,4 +103,8 @@ def _uninterrupted(function):
             interrupted = True
     if interrupted:
         interrupt_main()
+    if not found:
+        print("cradle_env: a kernel could not be compiled (see above), and the run cannot go on.", file=sys.stderr)
+        sys.stderr.flush()
+        os.abort()
     return found[0]
