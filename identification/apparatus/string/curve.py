@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,6 +14,8 @@ from identification.storage.files import ExperimentError
 _KNOWN = {"displacement": Column(LENGTHS), "force": Column(FORCES), "t": Column(TIMES, needed=False)}
 #: A turn counts once the displacement has gone back by this share of its range: less is the noise of the machine.
 _TURN = 0.02
+#: Rows on each side of a turn that tell where it was.
+_TURN_ROWS = 5
 #: Rows that a curve, and a leg, need at least.
 _LEAST_ROWS, _LEAST_LEG = 30, 5
 #: Rows before the string is straight that tell the zero of the force.
@@ -24,12 +25,13 @@ _SLACK_ROWS = 5
 @dataclass(frozen=True)
 class Leg:
     """Rows first..last - 1 between two turns; loading: whether the displacement grows; rate: mean speed [m/s], nan
-    without times."""
+    without times; end: displacement [m] at which the machine turns after it, mostly between two rows."""
 
     first: int
     last: int
     loading: bool
     rate: float
+    end: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,12 +121,30 @@ def _legs(x: np.ndarray, t: np.ndarray | None) -> tuple[Leg, ...]:
         elif direction * (x[extreme] - x[i]) > threshold:
             turns.append(extreme + 1)
             direction, extreme = -direction, i
-    turns.append(len(x))
+    rows = np.arange(float(len(x))) if t is None else t
+    found = [_turn(x, rows, turn - 1) for turn in turns[1:]]
+    turns = [0, *(last for last, _ in found), len(x)]
+    ends = [*(end for _, end in found), float(x[-1])]
     legs = []
-    for first, last in itertools.pairwise(turns):
+    for first, last, end in zip(turns[:-1], turns[1:], ends, strict=True):
         if last - first < _LEAST_LEG:
             continue
         move = x[last - 1] - x[first]
         rate = np.nan if t is None else abs(move) / (t[last - 1] - t[first])
-        legs.append(Leg(first, last, bool(move > 0.0), float(rate)))
+        legs.append(Leg(first, last, bool(move > 0.0), float(rate), end))
     return tuple(legs)
+
+
+def _turn(x: np.ndarray, t: np.ndarray, extreme: int) -> tuple[int, float]:
+    """(first row after a turn, displacement [m] at the turn) near the row with the extreme displacement.
+
+    A machine at constant speed turns where the straight lines through the rows before and after meet. If they do not
+    meet between the neighbours of the extreme row, the machine slows down as it turns, and that row is the turn.
+    """
+    before, after = slice(max(extreme - _TURN_ROWS, 0), extreme), slice(extreme + 1, extreme + 1 + _TURN_ROWS)
+    if len(x[before]) >= 2 and len(x[after]) >= 2:
+        (up, a), (down, b) = (np.polyfit(t[part] - t[extreme], x[part], 1) for part in (before, after))
+        instant = (b - a) / (up - down) if up != down else np.nan
+        if t[extreme - 1] <= t[extreme] + instant <= t[extreme + 1]:
+            return extreme + (instant >= 0.0), float(a + up * instant)
+    return extreme + 1, float(x[extreme])

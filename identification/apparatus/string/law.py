@@ -47,12 +47,16 @@ class Reference:
 def tension(
     curve: Curve, kappa: float, straight: float, terms: Mapping[str, float], reference: Reference
 ) -> np.ndarray:
-    """Force (T,) [N] of one string along a curve, straight at that displacement [m] at its start."""
+    """Force (T,) [N] of one string along a curve, straight at that displacement [m] at its start.
+
+    The memory of the string begins each leg where the machine turns, between two rows.
+    """
     x, force = curve.displacement, np.zeros(len(curve.displacement))
     s_turn, t_turn = 0.0, 0.0
     for number, leg in enumerate(curve.legs):
         rows = slice(leg.first, leg.last)
-        s = x[rows] - straight - terms.get("creep", 0.0) * _age(curve, number)[rows]
+        age = _age(curve, number)[rows]
+        s = np.append(x[rows], leg.end) - straight - terms.get("creep", 0.0) * np.append(age, age[-1])
         if leg.loading:
             s = np.maximum(s, s_turn)
             stiffness = kappa
@@ -66,7 +70,7 @@ def tension(
             if "force" in terms and t_turn > 0.0:
                 p += terms["force"] * np.log(t_turn / reference.force)
             tensions = t_turn * (s / s_turn) ** max(p, 0.1) if s_turn > 0.0 else np.zeros(len(s))
-        force[rows] = tensions
+        force[rows] = tensions[:-1]
         s_turn, t_turn = (float(s[-1]), float(tensions[-1])) if s[-1] > 0.0 else (0.0, 0.0)
     return force
 

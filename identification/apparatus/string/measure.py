@@ -119,7 +119,7 @@ def measure_string(
     progress("fit", 0.1, f"{sum(len(curve.force) for curve in read)} readings")
     chosen, telling = selected(read)
     plain = fit(read, [name for name in chosen.terms if name == "backlash"])
-    play = chosen.of("backlash")[0] if "backlash" in chosen.terms else 0.0
+    play = chosen.of("backlash") if "backlash" in chosen.terms else (0.0, 0.0)
     cycles = tuple(cycle for k, curve in enumerate(read) for cycle in cycles_of(curve, _zero(chosen, k), play))
     values = {"kappa": Value.normal("κ", "loading stiffness of the string", "N/m", *chosen.of("kappa"))}
     for name, one in telling.items():
@@ -136,9 +136,9 @@ def measure_string(
     )
 
 
-def _zero(one: Fit, curve: int) -> float:
+def _zero(one: Fit, curve: int) -> tuple[float, float]:
     name = f"zero {curve}"
-    return one.of(name)[0] if name in one.names else 0.0
+    return one.of(name) if name in one.names else (0.0, 0.0)
 
 
 def _rms(one: Fit) -> float:

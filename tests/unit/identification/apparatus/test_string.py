@@ -71,6 +71,22 @@ def test_turns_are_seen_through_the_jitter_of_the_machine():
     assert all(abs(leg.rate - 1e-3) < 2e-5 for leg in legs)
 
 
+@pytest.mark.parametrize("rate", [7.3, 11.1, 50.0])
+def test_the_machine_turns_between_two_rows(rate):
+    t, x, f = pull([0.0101] * 2, low=0.004, rate=rate, noise=0.0)
+    legs = curve_of("x", x, f, t).legs
+    # the last row before the turn is up to 1/rate · 1 mm/s away; the machine itself turns within a step of 3 µm
+    assert [leg.end for leg in legs[:3]] == pytest.approx([0.0101, 0.004, 0.0101], abs=4e-6)
+    assert [x[leg.last - 1] <= leg.end + 4e-6 if leg.loading else x[leg.last - 1] >= leg.end - 4e-6 for leg in legs[:3]]
+
+
+def test_the_loss_of_a_cycle_with_few_rows(tmp_path):
+    made = [pull([peak], seed=k, rate=5.0, noise=1e-4) for k, peak in enumerate(PEAKS)]
+    found = measure_string([csv_of(tmp_path / f"{k}.csv", *one) for k, one in enumerate(made)])
+    # the trapezoidal rule over rows 0.2 mm apart errs by (0.2/5)²/6 of a third
+    assert found.values["loss"].median == pytest.approx(1.0 / 3.0, rel=5e-4)
+
+
 def test_the_command_writes_what_it_found(tmp_path, capsys):
     out = tmp_path / "out"
     paths = curves(tmp_path, sheer=True, exponent=1.7)
