@@ -20,6 +20,7 @@ _PUBLIC = {
     "SimulationError": "simulation",
     "Trajectory": "trajectory",
     "contact_times": "constitutive",
+    "jax_theta": "differentiable",
     "newton_exponent": "synchronization",
     "register": "effects",
     "restitution_curve": "constitutive",
@@ -27,6 +28,7 @@ _PUBLIC = {
     "simulate": "simulation",
     "simulate_batch": "simulation",
     "string_tension": "constitutive",
+    "theta_and_jacobian": "differentiable",
 }
 
 __all__ = [*_PUBLIC]

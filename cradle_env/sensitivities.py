@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
@@ -41,6 +41,15 @@ def supported(c: np.ndarray) -> str:
     if c["contact_scale"][0] > 0.0 or c["departure_speed"][0] != 0.0:
         return "they cover instantaneous impacts under eq. 1, a power law or a constant restitution"
     return ""
+
+
+def with_parameters(cradle: Cradle, release: Start, values: Mapping[str, float]) -> tuple[Cradle, Start]:
+    """Cradle and release with other values of parameters, by the names of sensitivities; ValueError for values out of
+    bounds."""
+    for name, value in values.items():
+        _, _, varied = _parameter(name, cradle, release)
+        cradle, release = varied(float(value))
+    return cradle, release
 
 
 def differentiate(
@@ -166,7 +175,8 @@ def _parameter(
     if field == "delta" and (has_gap or (element is None and not isinstance(cradle.delta, tuple))):
         gaps = np.broadcast_to(np.asarray(cradle.delta, dtype=float), cradle.bobs - 1)
         chosen = np.ones(len(gaps)) if element is None else np.eye(len(gaps))[element]
-        return 0.0, _SIZES["delta"], lambda x: (cradle.replace(delta=tuple(gaps + x * chosen)), release)
+        value = float(gaps[element or 0])
+        return value, _SIZES["delta"], lambda x: (cradle.replace(delta=tuple(gaps + (x - value) * chosen)), release)
     if name not in FIELDS or name == "delta":
         known = [*FIELDS, "alpha", "n", "release_angle", *_STATE_FIELDS]
         raise ValueError(unknown_key("sensitivity", name, known) + "; effects by effect.key")
@@ -215,5 +225,5 @@ def _start_parameter(name: str, field: str, element: int | None, cradle: Cradle,
         listed = [f"{f}[{i + 1}]" for f in _STATE_FIELDS if getattr(release, f) is not None for i in range(cradle.bobs)]
         raise ValueError(unknown_key("sensitivity", name, listed) + " of this initial state")
     array, chosen = np.asarray(given, dtype=float), np.eye(cradle.bobs)[element]
-    size = {"r": cradle.length, "r_dot": 0.1}.get(field, 1.0)
-    return 0.0, size, lambda x: (cradle, dataclasses.replace(release, **{field: array + x * chosen}))
+    size, value = {"r": cradle.length, "r_dot": 0.1}.get(field, 1.0), float(array[element])
+    return value, size, lambda x: (cradle, dataclasses.replace(release, **{field: array + (x - value) * chosen}))
