@@ -1,5 +1,8 @@
 """θ as a function of parameters: the values are those of other cradles, the derivatives those of differences."""
 
+import multiprocessing
+from concurrent.futures import ProcessPoolExecutor
+
 import numpy as np
 import pytest
 
@@ -50,16 +53,21 @@ def test_what_cannot_be_differentiated_is_refused():
         theta_and_jacobian(Cradle(bobs=2, model="pendulum"), Release(angle=0.2), TIMES, {"k_f": 1e4})
 
 
-@pytest.fixture
-def jax():
-    jax = pytest.importorskip("jax")
-    before = jax.config.jax_enable_x64
+def elsewhere(function):
+    """Runs a function in a process of its own: JAX starts threads, which do not go with the forks of other tests."""
+    pytest.importorskip("jax")
+    with ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn")) as pool:
+        pool.submit(function).result()
+
+
+def test_jax_differentiates_in_both_modes_and_maps():
+    elsewhere(differentiate_in_both_modes_and_map)
+
+
+def differentiate_in_both_modes_and_map():
+    import jax
+
     jax.config.update("jax_enable_x64", True)
-    yield jax
-    jax.config.update("jax_enable_x64", before)
-
-
-def test_jax_differentiates_in_both_modes_and_maps(jax):
     theta = jax_theta(Cradle(bobs=2), Release(angle=0.2), TIMES, list(VALUES))
     p = jax.numpy.array(list(VALUES.values()))
     value, exact = theta_and_jacobian(Cradle(bobs=2), Release(angle=0.2), TIMES, VALUES)
@@ -71,7 +79,13 @@ def test_jax_differentiates_in_both_modes_and_maps(jax):
     np.testing.assert_array_equal(both[1], theta(1.01 * p))
 
 
-def test_jax_passes_on_what_is_wrong_with_a_value(jax):
+def test_jax_passes_on_what_is_wrong_with_a_value():
+    elsewhere(pass_on_what_is_wrong)
+
+
+def pass_on_what_is_wrong():
+    import jax
+
     theta = jax_theta(Cradle(bobs=2), Release(angle=0.2), TIMES, ["k_f"])
     with pytest.raises(Exception, match="k_f"):
         theta(jax.numpy.array([-1.0])).block_until_ready()
