@@ -1,5 +1,6 @@
 """θ as a function of parameters: the values are those of other cradles, the derivatives those of differences."""
 
+import importlib.util
 import multiprocessing
 from concurrent.futures import ProcessPoolExecutor
 
@@ -55,7 +56,8 @@ def test_what_cannot_be_differentiated_is_refused():
 
 def elsewhere(function):
     """Runs a function in a process of its own: JAX starts threads, which do not go with the forks of other tests."""
-    pytest.importorskip("jax")
+    if importlib.util.find_spec("jax") is None:
+        pytest.skip("needs JAX")
     with ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn")) as pool:
         pool.submit(function).result()
 
