@@ -29,7 +29,12 @@ def collide(bobs, speed, k_f, k_el=K_EL, mass=MASS):
     start = np.zeros(2 * bobs)
     start[bobs] = speed
     start[0] = 1e-9 * speed * scale  # a contact that has just begun
-    found = solve_ivp(slope, (0.0, 40.0 * scale), start, "DOP853", rtol=1e-10, atol=1e-16, max_step=scale / 40)
-    push = np.array([forces(y)[0] for y in found.y.T])
-    ends = np.flatnonzero((push[1:] <= 0.0) & (push[:-1] > 0.0))
-    return found.y[bobs:, -1], float(found.t[ends[0] + 1])
+
+    def push(_, y):
+        """What the first contact would push with, over √overlap, if it could also pull."""
+        return k_el * (y[0] - y[1]) + k_f * (y[bobs] - y[bobs + 1])
+
+    push.direction = -1.0
+    span = (0.0, 40.0 * scale)
+    found = solve_ivp(slope, span, start, "DOP853", rtol=1e-10, atol=1e-16, max_step=scale / 40, events=push)
+    return found.y[bobs:, -1], float(found.t_events[0][0])
