@@ -2,6 +2,7 @@
 #   make test     the tests
 #   make slow     the tests that take minutes
 #   make fuzz     try to break the program; about an hour, results in studies/fuzz/results.md
+#   make instructions  machine instructions of the kernel against those kept (needs Valgrind); ten minutes
 #   make lint     style, types, and who may import whom
 #   make docs     the documentation, in build/docs; the first time it runs the tutorials, some minutes
 #   make clean    remove what these made
@@ -18,7 +19,7 @@ INSTALL := $(BIN)/python -m pip install -qq --disable-pip-version-check --no-com
 # An environment whose interpreter has been removed or upgraded away starts over.
 $(if $(realpath $(BIN)/python),,$(shell rm -rf $(VENV)))
 
-.PHONY: demo test slow fuzz lint docs clean
+.PHONY: demo test slow fuzz instructions lint docs clean
 .NOTPARALLEL:
 
 demo: $(VENV)/.installed
@@ -32,6 +33,9 @@ slow: $(VENV)/.installed-dev
 
 fuzz: $(VENV)/.installed-dev
 	$(BIN)/python -m studies.fuzz
+
+instructions: $(VENV)/.installed-dev
+	$(BIN)/python -m studies.instructions
 
 lint: $(VENV)/.installed-dev
 	$(BIN)/ruff check
