@@ -15,8 +15,8 @@ import numpy as np
 
 from cradle_env import Cradle, Release, simulate
 
-#: Simulated seconds of the whole of a workload: a billion instructions. The count of a process differs from run to run by
-#: 15 million.
+#: Simulated seconds of the whole of a workload: a billion instructions. The count of a process differs from run to run
+#: by 15 million.
 _SECONDS = {2: 2000.0, 5: 400.0}
 #: Control steps of the environment.
 _STEPS = 20_000

@@ -1,0 +1,1 @@
+"""What runs cost, against their size."""
