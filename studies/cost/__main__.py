@@ -85,8 +85,8 @@ def table(found: dict[str, list[dict]]) -> Iterator[str]:
     yield "# What runs cost, against their size"
     yield ""
     yield "`python -m studies.cost`. Processor time of one core, best of three, not sampled. Memory is the most that"
-    yield "the process took, with Python and the packages. Exponents are those of the time between a tenth of the largest"
-    yield "size and the largest."
+    yield "the process took, with Python and the packages. Exponents of the time are those between a tenth of the"
+    yield "largest size and the largest."
     yield ""
     yield "![Time against size](cost.png)"
     for case, rows in found.items():
