@@ -84,7 +84,7 @@ class Lanes:
         return Lanes(b, b.bitcast(b.fptosi(scaled.value, _INTS), _VECTOR))
 
 
-def _data(context, builder, kind, array):
+def array_data(context, builder, kind, array):
     """The address of an array's first number."""
     return context.make_array(kind)(context, builder, array).data
 
@@ -95,11 +95,13 @@ def _vector_at(builder, data, index):
     return builder.bitcast(place, _VECTOR.as_pointer())
 
 
-def _load(builder, data, index):
+def load_vector(builder, data, index):
+    """Four numbers from `index` on."""
     return builder.load(_vector_at(builder, data, index), align=8)
 
 
-def _store(builder, value, data, index):
+def store_vector(builder, value, data, index):
+    """Stores four numbers from `index` on."""
     builder.store(value, _vector_at(builder, data, index), align=8)
 
 
@@ -119,7 +121,7 @@ def _transposed(builder, rows):
 def _store_lanes(builder, rows, data, places, offset):
     """Stores of four vectors the numbers of each lane at its place, the first lane last: an idle lane has its place."""
     for place, value in reversed(list(zip(places, _transposed(builder, rows), strict=True))):
-        _store(builder, value, data, builder.add(place, ir.Constant(_INT, offset)))
+        store_vector(builder, value, data, builder.add(place, ir.Constant(_INT, offset)))
 
 
 @intrinsic
@@ -132,10 +134,10 @@ def expand(typing, scratch, first, state):
 
     def codegen(context, builder, signature, arguments):
         scratch, first, state = arguments
-        lanes = builder.gep(_data(context, builder, signature.args[0], scratch), [first])
-        state = _data(context, builder, signature.args[2], state)
-        rows = [Lanes(builder, _load(builder, lanes, WIDTH * row)) for row in range(STEP)]
-        places = [builder.fptosi(place, _INT) for place in _numbers(builder, rows[PLACE])]
+        lanes = builder.gep(array_data(context, builder, signature.args[0], scratch), [first])
+        state = array_data(context, builder, signature.args[2], state)
+        rows = [Lanes(builder, load_vector(builder, lanes, WIDTH * row)) for row in range(STEP)]
+        places = [builder.fptosi(place, _INT) for place in numbers_in(builder, rows[PLACE])]
         forces = taylor.Forces(*rows[FORCES:ROOM_X])
         x, z, squares = taylor.flight(rows[X], rows[Z], rows[U], rows[W], forces, ORDER, Lanes.sqrt)
 
@@ -144,9 +146,9 @@ def expand(typing, scratch, first, state):
         before = x[-2].size().larger(z[-2].size()) * (2.0 / ORDER) / longest
         step = (rows[ALLOWED] / greatest.larger(before)).root(ORDER).larger(longest, "<")
         for row, value in zip((STEP, SQUARE, SLOPE, BEND), (step, *taylor.bends(squares, step)), strict=True):
-            _store(builder, value.value, lanes, WIDTH * row)
+            store_vector(builder, value.value, lanes, WIDTH * row)
         for k, value in enumerate(squares):
-            _store(builder, value.value, lanes, WIDTH * (SQUARES + k))
+            store_vector(builder, value.value, lanes, WIDTH * (SQUARES + k))
 
         x[0], x[1] = rows[ROOM_X], rows[ROOM_U]
         u, w = taylor.velocity(x), taylor.velocity(z)
@@ -164,7 +166,7 @@ def expand(typing, scratch, first, state):
     return types.void(scratch, types.int64, state), codegen
 
 
-def _spread(builder, number):
+def in_all_lanes(builder, number):
     """One number in all lanes."""
     nothing = ir.Constant(_VECTOR, ir.Undefined)
     one = builder.insert_element(nothing, number, ir.Constant(_INT32, 0))
@@ -172,12 +174,12 @@ def _spread(builder, number):
     return Lanes(builder, builder.shuffle_vector(one, nothing, mask))
 
 
-def _numbers(builder, lanes):
+def numbers_in(builder, lanes):
     """The numbers in all lanes."""
     return [builder.extract_element(lanes.value, ir.Constant(_INT32, i)) for i in range(WIDTH)]
 
 
-def _horner(coefficients, t):
+def polynomial_at(coefficients, t):
     """A polynomial at t."""
     value = coefficients[-1]
     for coefficient in coefficients[-2::-1]:
@@ -192,13 +194,13 @@ def work_on(typing, state, place, t):
 
     def codegen(context, builder, signature, arguments):
         state, place, t = arguments
-        data = builder.gep(_data(context, builder, signature.args[0], state), [place])
+        data = builder.gep(array_data(context, builder, signature.args[0], state), [place])
         t2 = builder.fmul(t, t)
         blocks = range(4 * (ORDER + 1), SERIES_WIDTH, WIDTH)
-        sums = _horner(
-            [Lanes(builder, _load(builder, data, k)) for k in blocks], _spread(builder, builder.fmul(t2, t2))
+        sums = polynomial_at(
+            [Lanes(builder, load_vector(builder, data, k)) for k in blocks], in_all_lanes(builder, builder.fmul(t2, t2))
         )
-        even0, odd0, even1, odd1 = _numbers(builder, sums)
+        even0, odd0, even1, odd1 = numbers_in(builder, sums)
         low = builder.fadd(even0, builder.fmul(odd0, t))
         return builder.fadd(low, builder.fmul(builder.fadd(even1, builder.fmul(odd1, t)), t2))
 
@@ -212,10 +214,10 @@ def motion_on(typing, state, place, t):
 
     def codegen(context, builder, signature, arguments):
         state, place, t = arguments
-        data = builder.gep(_data(context, builder, signature.args[0], state), [place])
-        t = _spread(builder, t)
-        coefficients = [Lanes(builder, _load(builder, data, WIDTH * k)) for k in range(ORDER + 1)]
-        value = _horner(coefficients[1::2], t * t) * t + _horner(coefficients[0::2], t * t)
-        return context.make_tuple(builder, signature.return_type, _numbers(builder, value))
+        data = builder.gep(array_data(context, builder, signature.args[0], state), [place])
+        t = in_all_lanes(builder, t)
+        coefficients = [Lanes(builder, load_vector(builder, data, WIDTH * k)) for k in range(ORDER + 1)]
+        value = polynomial_at(coefficients[1::2], t * t) * t + polynomial_at(coefficients[0::2], t * t)
+        return context.make_tuple(builder, signature.return_type, numbers_in(builder, value))
 
     return types.UniTuple(types.float64, 4)(state, types.int64, types.float64), codegen

@@ -24,12 +24,12 @@ from cradle_env.mechanics.lanes import (
     W,
     X,
     Z,
-    _data,
-    _horner,
-    _load,
-    _numbers,
-    _spread,
-    _store,
+    array_data,
+    in_all_lanes,
+    load_vector,
+    numbers_in,
+    polynomial_at,
+    store_vector,
 )
 from cradle_env.mechanics.layout import ORDER
 
@@ -108,11 +108,11 @@ def expand_tangents(typing, scratch, first, sheet):
 
     def codegen(context, builder, signature, arguments):
         scratch, first, sheet = arguments
-        lanes = builder.gep(_data(context, builder, signature.args[0], scratch), [first])
-        sheet = _data(context, builder, signature.args[2], sheet)
+        lanes = builder.gep(array_data(context, builder, signature.args[0], scratch), [first])
+        sheet = array_data(context, builder, signature.args[2], sheet)
 
         def read(row, which=None):
-            value = _spread(builder, builder.load(builder.gep(lanes, [ir.Constant(ir.IntType(64), WIDTH * row)])))
+            value = in_all_lanes(builder, builder.load(builder.gep(lanes, [ir.Constant(ir.IntType(64), WIDTH * row)])))
             return Dual(value, [None] * _VECTORS if which is None else _input(builder, which))
 
         forces = taylor.Forces(*(read(FORCES + k, which) for k, which in enumerate(_INPUT_OF_FORCE)))
@@ -125,10 +125,10 @@ def expand_tangents(typing, scratch, first, sheet):
         step = allowed.root(TANGENT_ORDER).larger(longest, "<")
         squares = [square.value for square in squares]
         for row, value in zip((STEP, SQUARE, SLOPE, BEND), (step, *taylor.bends(squares, step)), strict=True):
-            _store(builder, value.value, lanes, WIDTH * row)
+            store_vector(builder, value.value, lanes, WIDTH * row)
         zero = ir.Constant(_VECTOR, [ir.Constant(_DOUBLE, 0.0)] * WIDTH)
         for k in range(ORDER - 1):
-            _store(builder, squares[k].value if k < len(squares) else zero, lanes, WIDTH * (SQUARES + k))
+            store_vector(builder, squares[k].value if k < len(squares) else zero, lanes, WIDTH * (SQUARES + k))
 
         for k in range(TANGENT_ORDER + 1):
             motion = [x[k].value, z[k].value]
@@ -139,7 +139,7 @@ def expand_tangents(typing, scratch, first, sheet):
                 own = builder.insert_element(own, builder.extract_element(value.value, place), place)
             rows = [own, *(zero if s is None else s.value for a in (x, z) for s in a[k].slopes)]
             for row, value in enumerate(rows):
-                _store(builder, value, sheet, WIDTH * (_TERM * k + row))
+                store_vector(builder, value, sheet, WIDTH * (_TERM * k + row))
         return context.get_dummy_value()
 
     return types.void(scratch, types.int64, sheet), codegen
@@ -152,16 +152,17 @@ def _evaluation(with_velocities):
     @intrinsic
     def evaluate(typing, sheet, t):
         def codegen(context, builder, signature, arguments):
-            data = _data(context, builder, signature.args[0], arguments[0])
-            t = _spread(builder, arguments[1])
+            data = array_data(context, builder, signature.args[0], arguments[0])
+            t = in_all_lanes(builder, arguments[1])
             for row in range(_TERM):
                 terms = [
-                    Lanes(builder, _load(builder, data, WIDTH * (_TERM * k + row))) for k in range(TANGENT_ORDER + 1)
+                    Lanes(builder, load_vector(builder, data, WIDTH * (_TERM * k + row)))
+                    for k in range(TANGENT_ORDER + 1)
                 ]
-                _store(builder, _horner(terms, t).value, data, WIDTH * (_AT + row))
+                store_vector(builder, polynomial_at(terms, t).value, data, WIDTH * (_AT + row))
                 if with_velocities and row > 0:
                     rates = [term * float(k) for k, term in enumerate(terms)][1:]
-                    _store(builder, _horner(rates, t).value, data, WIDTH * (_AT + 2 * _VECTORS + row))
+                    store_vector(builder, polynomial_at(rates, t).value, data, WIDTH * (_AT + 2 * _VECTORS + row))
             return context.get_dummy_value()
 
         return types.void(sheet, types.float64), codegen
@@ -179,14 +180,14 @@ def by_parameter(typing, sheet, column, inputs, q):
 
     def codegen(context, builder, signature, arguments):
         sheet, column, inputs, q = arguments
-        by_input = builder.gep(_data(context, builder, signature.args[0], sheet), [column])
+        by_input = builder.gep(array_data(context, builder, signature.args[0], sheet), [column])
         row = builder.mul(q, ir.Constant(q.type, INPUTS))
-        of_inputs = builder.gep(_data(context, builder, signature.args[2], inputs), [row])
+        of_inputs = builder.gep(array_data(context, builder, signature.args[2], inputs), [row])
         products = [
-            Lanes(builder, _load(builder, by_input, k)) * Lanes(builder, _load(builder, of_inputs, k))
+            Lanes(builder, load_vector(builder, by_input, k)) * Lanes(builder, load_vector(builder, of_inputs, k))
             for k in range(0, INPUTS, WIDTH)
         ]
-        a, b, c, d = _numbers(builder, products[0] + products[1] + products[2])
+        a, b, c, d = numbers_in(builder, products[0] + products[1] + products[2])
         return builder.fadd(builder.fadd(a, b), builder.fadd(c, d))
 
     return types.float64(sheet, types.int64, inputs, types.int64), codegen
