@@ -28,12 +28,15 @@ _RADIUS_SD = 0.1
 @dataclass(frozen=True, eq=False)
 class Centres:
     """Of N bobs in one frame: places (N, 2), nan where they cannot be told; radii (N,); scatter (N,), the RMS distance
-    of edges from the circle [pixels]; seen (N,), the part of the rays that cross an edge where it should be."""
+    of edges from the circle [pixels]; seen (N,), the part of the rays that cross an edge where it should be; level (N,),
+    the median brightness just inside the edge; contrast (N,), by how much it is brighter outside."""
 
     places: np.ndarray
     radii: np.ndarray
     scatter: np.ndarray
     seen: np.ndarray
+    level: np.ndarray
+    contrast: np.ndarray
 
 
 def centres(picture: np.ndarray, places: np.ndarray, radius: float, sign: int, blur: np.ndarray) -> Centres:
@@ -45,13 +48,20 @@ def centres(picture: np.ndarray, places: np.ndarray, radius: float, sign: int, b
     half = np.minimum(_SHARP + 0.5 * np.abs(blur @ outward.T), 0.45 * radius)
     now, radii = places.copy(), np.full(len(places), radius)
     scatter, seen = np.full(len(places), np.nan), np.zeros(len(places))
+    level, contrast = np.full(len(places), np.nan), np.full(len(places), np.nan)
     for _ in range(3):
         usable = ~(up | _beside(now, outward, radius, half))
-        edge, good = _crossings(picture, now, outward, radius, half, sign)
+        edge, good, within, beyond = _crossings(picture, now, outward, radius, half, sign)
+        level, contrast = _medians(within, good), _medians(beyond - within, good)
         now, radii, scatter, seen = _circles(now, outward, edge, good & usable, usable, radius)
     lost = np.isnan(now[:, 0]) | (np.linalg.norm(now - places, axis=1) > 0.6 * radius)
     now[lost] = np.nan
-    return Centres(now, radii, scatter, seen)
+    return Centres(now, radii, scatter, seen, level, contrast)
+
+
+def _medians(values: np.ndarray, good: np.ndarray) -> np.ndarray:
+    """Of each row's good ones, (N,); nan where there are none."""
+    return np.array([np.median(row[ok]) if ok.any() else np.nan for row, ok in zip(values, good, strict=True)])
 
 
 def _beside(places: np.ndarray, outward: np.ndarray, radius: float, half: np.ndarray) -> np.ndarray:
@@ -64,8 +74,8 @@ def _beside(places: np.ndarray, outward: np.ndarray, radius: float, half: np.nda
 
 def _crossings(
     picture: np.ndarray, places: np.ndarray, outward: np.ndarray, radius: float, half: np.ndarray, sign: int
-) -> tuple[np.ndarray, np.ndarray]:
-    """How far from the centre each ray crosses the edge, and whether it does, (N, rays)."""
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """How far from the centre each ray crosses the edge, whether it does, and the levels inside and outside, (N, rays)."""
     along = np.linspace(-1.0, 1.0, _SAMPLES)
     far = radius + half[..., None] * along
     points = places[:, None, None] + far[..., None] * outward[:, None]
@@ -85,7 +95,7 @@ def _crossings(
     edge = radius + half * along[first] + step * (part.sum(axis=-1) - 0.5 * (part[..., 0] + part[..., -1]))
     usual = np.median(contrast[inside], axis=None) if inside.any() else 0.0
     good = inside & (contrast > max(0.35 * usual, 6.0)) & (np.abs(edge - radius) < half)
-    return edge, good
+    return edge, good, within, beyond
 
 
 def _circles(

@@ -3,7 +3,8 @@
 Bobs in a row cannot pass through each other, so their order along the row never changes: the discs of a frame, from
 left to right, are the bobs from first to last. Where some are hidden, or something else looks like a bob, the
 assignment with the most evidence is taken of all that keep the order and leave room for the bobs between. Each frame
-is decided anew: what is predicted from earlier ones weighs little, and no error is passed on.
+is decided anew: what is predicted from earlier ones weighs little, and no error is passed on. At the end each reading
+is compared with how the same bob looks in the rest of the film: a round end of what hides it is not the bob.
 """
 
 from __future__ import annotations
@@ -27,6 +28,10 @@ _FAINT, _CLEAR = 0.3, 0.55
 _APART = 1.75
 #: What a bob that is not found costs, in units of the response, and how much a distance from where it should be may.
 _MISSED, _FAR = 0.25, 0.6
+#: A bob looks alike all over a film. Its brightness inside the edge departs from its median by this part of its contrast
+#: at most, or by this many standard deviations where light or reflections change it; its edge is round to this many
+#: times the median scatter. Bobs that are seen whole stay within 0.1 and 2.2; the end of a hand is off by 0.4 or more.
+_OTHER, _OTHER_SD, _ROUGH = 0.25, 6.0, 2.5
 #: Times in WebM and Matroska are whole milliseconds, half a frame at 500 frames/s.
 _TICK = 1e-3
 #: Part of the time between two frames that a shutter is taken to be open.
@@ -55,7 +60,19 @@ def track(film: Film, found: Survey, progress: Progress = lambda *_: None) -> Tr
             rate = number / max(clock.monotonic() - began, 1e-9)
             progress("track", number / found.frames, f"frame {number} of {found.frames}, {rate:.0f} frames/s")
     table = np.array(rows)
-    return Tracks(even(np.array(times), _TICK / film.slow_motion), table[..., :2], table[..., 2], table[..., 3])
+    places, scatter, radii, level, contrast = table[..., :2], table[..., 2], table[..., 3], table[..., 4], table[..., 5]
+    table[strange(scatter, level, contrast)] = np.nan
+    return Tracks(even(np.array(times), _TICK / film.slow_motion), places, scatter, radii)
+
+
+def strange(scatter: np.ndarray, level: np.ndarray, contrast: np.ndarray) -> np.ndarray:
+    """Which readings (T, N) do not look like the same bob in the rest of the film; nan where a bob is not seen."""
+    found = np.zeros(scatter.shape, bool)
+    for bob in np.flatnonzero(np.isfinite(scatter).any(axis=0)):
+        off = np.abs(level[:, bob] - np.nanmedian(level[:, bob]))
+        most = max(_OTHER * abs(np.nanmedian(contrast[:, bob])), _OTHER_SD * 1.4826 * np.nanmedian(off))
+        found[:, bob] = (off > most) | (scatter[:, bob] > _ROUGH * np.nanmedian(scatter[:, bob]))
+    return found
 
 
 def even(times: np.ndarray, tick: float) -> np.ndarray:
@@ -78,7 +95,7 @@ class _Tracker:
         self.time = -np.inf
 
     def step(self, time: float, picture: np.ndarray) -> np.ndarray:
-        """(N, 4): place, scatter, radius of each bob."""
+        """(N, 6): place, scatter, radius, level and contrast of each bob, nan where it is not seen."""
         discs = self._discs(picture)
         fresh = time - self.seen_at < 0.1
         ago = np.where(fresh, time - self.seen_at, 0.0)
@@ -95,7 +112,9 @@ class _Tracker:
         self.speed[known] = (exact.places[known] - self.last[known]) / steps[known, None]
         self.speed[got & ~known] = 0.0
         self.last[got], self.seen_at[got] = exact.places[got], time
-        return np.column_stack([exact.places, np.where(got, exact.scatter, np.nan), np.where(got, exact.radii, np.nan)])
+        row = np.column_stack([exact.places, exact.scatter, exact.radii, exact.level, exact.contrast])
+        row[~got] = np.nan
+        return row
 
     def _discs(self, picture: np.ndarray) -> Discs:
         """Those in the strip in which the bobs move, in pixels of the picture."""
