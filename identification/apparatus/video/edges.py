@@ -28,8 +28,8 @@ _RADIUS_SD = 0.1
 @dataclass(frozen=True, eq=False)
 class Centres:
     """Of N bobs in one frame: places (N, 2), nan where they cannot be told; radii (N,); scatter (N,), the RMS distance
-    of edges from the circle [pixels]; seen (N,), the part of the rays that cross an edge where it should be; level (N,),
-    the median brightness just inside the edge; contrast (N,), by how much it is brighter outside."""
+    of edges from the circle [pixels]; seen (N,), the part of the rays that cross an edge where it should be; level
+    (N,), the median brightness just inside the edge; contrast (N,), by how much it is brighter outside."""
 
     places: np.ndarray
     radii: np.ndarray
@@ -75,7 +75,7 @@ def _beside(places: np.ndarray, outward: np.ndarray, radius: float, half: np.nda
 def _crossings(
     picture: np.ndarray, places: np.ndarray, outward: np.ndarray, radius: float, half: np.ndarray, sign: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """How far from the centre each ray crosses the edge, whether it does, and the levels inside and outside, (N, rays)."""
+    """How far from the centre each ray crosses the edge, whether it does, the levels inside and outside, (N, rays)."""
     along = np.linspace(-1.0, 1.0, _SAMPLES)
     far = radius + half[..., None] * along
     points = places[:, None, None] + far[..., None] * outward[:, None]

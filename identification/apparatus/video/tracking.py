@@ -28,9 +28,9 @@ _FAINT, _CLEAR = 0.3, 0.55
 _APART = 1.75
 #: What a bob that is not found costs, in units of the response, and how much a distance from where it should be may.
 _MISSED, _FAR = 0.25, 0.6
-#: A bob looks alike all over a film. Its brightness inside the edge departs from its median by this part of its contrast
-#: at most, or by this many standard deviations where light or reflections change it; its edge is round to this many
-#: times the median scatter. Bobs that are seen whole stay within 0.1 and 2.2; the end of a hand is off by 0.4 or more.
+#: A bob looks alike all over a film. Its brightness inside the edge departs from its median by this part of its
+#: contrast at most, or by this many standard deviations where light or reflections change it; its edge is round to
+#: this many times the median scatter. Bobs seen whole stay within 0.1 and 2.2; the end of a hand is off by 0.4 or more.
 _OTHER, _OTHER_SD, _ROUGH = 0.25, 6.0, 2.5
 #: Times in WebM and Matroska are whole milliseconds, half a frame at 500 frames/s.
 _TICK = 1e-3
