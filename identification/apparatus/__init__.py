@@ -15,6 +15,7 @@ _PUBLIC = {
     "measure_contacts": "contacts.measure",
     "measure_impacts": "impacts.measure",
     "measure_ringdown": "ringdown.measure",
+    "measure_sound": "sound.measure",
     "measure_string": "string.measure",
     "measure_video": "video.measure",
 }

@@ -146,6 +146,19 @@ def contacts(
 
 
 @measure.command()
+def sound(
+    recording: Annotated[Path, typer.Argument(metavar="RECORDING", help="WAV, FLAC, OGG or MP3, as a phone makes it.")],
+    out: Out,
+    seed: HiddenSeed = 0,
+    workers: NoWorkers = None,
+) -> None:
+    """Measure when bobs hit each other, and how hard, from a recording of the sound: clicks.csv for calibrate."""
+    from identification.apparatus.sound.measure import TABLE, measure_sound
+
+    _run("sound", out, lambda progress: measure_sound(recording, progress=progress), TABLE)
+
+
+@measure.command()
 def video(
     film: Annotated[Path, typer.Argument(metavar="FILM", help="MP4, MOV, AVI, WebM, GIF, or a folder of images.")],
     out: Out,

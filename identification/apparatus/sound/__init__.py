@@ -1,0 +1,1 @@
+"""Sound → impacts: the clicks of a recording, their instants and amplitudes."""
