@@ -29,8 +29,9 @@ _PAIRS, _SHARE = 5, 0.6
 _OFF, _OFF_SD = 0.012, 0.004
 #: Half swings without a click in a step, and what each costs; what a candidate costs; its most gain [log-likelihood].
 _MISSED, _MISSED_COST, _COST, _GAIN = 8, 2.0, 6.0, 60.0
-#: Clicks before and after by which one is judged, and by how much it may be off these [s].
-_NEIGHBOURS, _OFF_LINE = 5, 1.0e-3
+#: Clicks before and after by which one is judged, and by how much it may be off these [s]: new strings
+#: shorten the first half swing by 1.5 ms.
+_NEIGHBOURS, _OFF_LINE = 5, 2.0e-3
 #: Amplitude over that of the loudest of a group, from which on an earlier candidate is the first impact of the group.
 _FIRST = 0.5
 
@@ -65,7 +66,7 @@ def _without_echoes(scores: Scores, able: np.ndarray, certain: np.ndarray) -> np
     """Which of the able candidates (K,) are neither echoes of others nor in their dead time; the certain ones first,
     then the loudest."""
     kept = np.zeros(len(able), bool)
-    size = np.abs(scores.amplitudes)
+    size = scores.sizes
     for k in sorted(np.flatnonzero(able), key=lambda k: (not certain[k], -size[k])):
         after = scores.instants[k] - scores.instants[kept]
         masked = size[kept] * np.where(after > 0.0, _ECHO * np.exp(-np.abs(after) / _ECHO_TIME), 0.0)
@@ -76,7 +77,7 @@ def _without_echoes(scores: Scores, able: np.ndarray, certain: np.ndarray) -> np
 def _first_of_group(scores: Scores, k: int, loud: np.ndarray) -> int:
     """The candidate with which the group of click k begins."""
     before = scores.instants[k] - scores.instants
-    group = loud & (before > 0.0) & (before < DEAD_TIME) & (scores.amplitudes > _FIRST * scores.amplitudes[k])
+    group = loud & (before > 0.0) & (before < DEAD_TIME) & (scores.sizes > _FIRST * scores.sizes[k])
     return int(np.flatnonzero(group)[0]) if group.any() else int(k)
 
 

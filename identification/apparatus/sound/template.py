@@ -25,6 +25,8 @@ _CHOOSING = 120
 _ALIKE = 0.6
 #: Rounds of aligning and averaging.
 _ROUNDS = 3
+#: Least part of the power of a candidate that counts as above the background.
+_LEAST_ABOVE = 0.5
 #: Points of a correlation for each sample.
 _FINE = 8
 #: Least standard deviation of an instant [s]: contacts last longer the slower the bobs, by 50 µs from 0.5 to 0.05 m/s.
@@ -35,12 +37,14 @@ _LEAST_SD = 20e-6
 class Scores:
     """How each candidate fits the shape, (K,).
 
-    instants [s] and their standard deviations; snr: amplitude over noise in the whitened sound; likeness: of its power
-    above the background, the part that has the shape, 0 to 1; amplitudes in full scales, and their standard deviations.
+    instants [s] and their standard deviations; sizes: amplitudes in the whitened sound; snr: these over noise; likeness: of its power
+    above the background, the part that has the shape, 0 to 1; amplitudes in full scales, and their standard
+    deviations.
     """
 
     instants: np.ndarray
     instants_sd: np.ndarray
+    sizes: np.ndarray
     snr: np.ndarray
     likeness: np.ndarray
     amplitudes: np.ndarray
@@ -72,7 +76,7 @@ def learn(candidates: Candidates, rate: float) -> Template:
     for _ in range(_ROUNDS):
         lags, sizes = _correlate(snippets[members], shape, rate)
         cut = _cut(snippets[members], lags, rate)
-        shape = (np.sign(sizes) * np.abs(sizes)) @ cut
+        shape = sizes @ cut
         shape /= np.linalg.norm(shape)
     lags, sizes = _correlate(snippets[members], shape, rate)
     plain = sizes @ _cut(candidates.plain[loud[members]].astype(float), lags, rate)
@@ -87,8 +91,8 @@ def score(candidates: Candidates, template: Template, rate: float) -> Scores:
     snr = np.maximum(sizes, 0.0) / noise
     cut = _cut(whitened, lags, rate)
     power = (cut**2).sum(axis=1)
-    background = candidates.levels * _background(whitened, rate)
-    likeness = np.clip(np.maximum(sizes, 0.0) ** 2 / np.maximum(power - background, sizes**2), 0.0, 1.0)
+    above = np.maximum(power - _background(whitened, rate), _LEAST_ABOVE * power)
+    likeness = np.clip(np.maximum(sizes, 0.0) ** 2 / above, 0.0, 1.0)
     frequency = 2.0 * np.pi * np.fft.rfftfreq(len(template.whitened), 1.0 / rate)
     spectrum = np.abs(np.fft.rfft(template.whitened)) ** 2
     bandwidth = float(np.sqrt((frequency**2 * spectrum).sum() / spectrum.sum()))
@@ -102,6 +106,7 @@ def score(candidates: Candidates, template: Template, rate: float) -> Scores:
     return Scores(
         (first + lags) / rate,
         np.hypot(_LEAST_SD, 1.0 / (np.maximum(snr, 1e-3) * bandwidth)),
+        np.maximum(sizes, 0.0),
         snr,
         likeness,
         amplitudes,
@@ -128,11 +133,10 @@ def _norm(snippets: np.ndarray, rate: float) -> np.ndarray:
     return np.linalg.norm(_core(snippets, rate), axis=1)
 
 
-def _background(snippets: np.ndarray, rate: float) -> float:
-    """Power of the background in a part that is compared: that of the quietest half of the candidates before them."""
-    _, length = _span(rate)
-    quiet = snippets[:, : round(6e-3 * rate)]
-    return length * float(np.median(np.mean(quiet**2, axis=1))) if len(snippets) else 0.0
+def _background(snippets: np.ndarray, rate: float) -> np.ndarray:
+    """Power (K,) of the background in a part that is compared, by what lies before it."""
+    begin, length = _span(rate)
+    return length * np.mean(snippets[:, : begin - round(_LAG * rate)] ** 2, axis=1)
 
 
 def _correlate(snippets: np.ndarray, shape: np.ndarray, rate: float) -> tuple[np.ndarray, np.ndarray]:
