@@ -52,7 +52,9 @@ def room(sound, rate, rng, reverberation=0.4, strength=0.5):
     response = 0.02 * strength * rng.standard_normal(len(times)) * decay * (times > 0.008)
     response[0] = 1.0
     for delay in rng.uniform(0.002, 0.025, 6):
-        response[int(delay * rate)] += strength * rng.uniform(0.3, 1.0) * rng.choice([-1.0, 1.0]) * np.exp(-delay / 0.03)
+        response[int(delay * rate)] += (
+            strength * rng.uniform(0.3, 1.0) * rng.choice([-1.0, 1.0]) * np.exp(-delay / 0.03)
+        )
     return fftconvolve(sound, response)[: len(sound)]
 
 
@@ -70,7 +72,9 @@ def music(seconds, rate, rng):
             for k in range(1, 17):
                 if k * pitch < 0.45 * rate:
                     phase = rng.uniform(0.0, 2.0 * np.pi)
-                    sound[int(start * rate) :][: len(times)] += envelope * np.sin(2 * np.pi * k * pitch * times + phase) / k
+                    sound[int(start * rate) :][: len(times)] += (
+                        envelope * np.sin(2 * np.pi * k * pitch * times + phase) / k
+                    )
             start += length
     for beat in np.arange(rng.uniform(0.0, 0.5), seconds - 0.3, 0.5):
         times = np.arange(int(0.2 * rate)) / rate

@@ -12,9 +12,10 @@ import numpy as np
 from identification.apparatus.measurement import Measurement, Value
 from identification.apparatus.sound.candidates import find_candidates
 from identification.apparatus.sound.reader import Sound
-from identification.apparatus.sound.selection import DEAD_TIME, select
+from identification.apparatus.sound.selection import select
 from identification.apparatus.sound.template import Scores, Template, learn, score
 from identification.apparatus.sound.whitening import whiten
+from identification.experiment.click_groups import DEAD_TIME
 from identification.number_format import format_number
 from identification.progress import Progress
 from identification.storage.files import ExperimentError
@@ -147,9 +148,7 @@ def measure_sound(recording: str | Path, *, progress: Progress = lambda *_: None
     scores = score(candidates, template, sound.rate)
     chosen = select(scores)
     if not len(chosen.which):
-        raise ExperimentError(
-            f"{recording}: no sound rises clearly above the background; record nearer to the cradle"
-        )
+        raise ExperimentError(f"{recording}: no sound rises clearly above the background; record nearer to the cradle")
     found = (scores.instants, scores.instants_sd, scores.amplitudes, scores.amplitudes_sd, scores.snr, scores.likeness)
     has_sequence = not np.isnan(chosen.half_swing)
     clicks = Clicks(*(column[chosen.which] for column in found), ~chosen.regular & has_sequence)

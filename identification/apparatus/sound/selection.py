@@ -12,11 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from identification.apparatus.sound.template import Scores
+from identification.experiment.click_groups import first_of_group, without_echoes
 
-#: Impacts that follow a click within this time are part of it [s]: their sound and its first echoes overlap.
-DEAD_TIME = 0.05
-#: Amplitude that a room leaves of a click right after it, and the time in which it falls to 1/e [s]: 60 dB in 0.6 s.
-_ECHO, _ECHO_TIME = 0.6, 0.087
 #: Least signal-to-noise ratio and likeness of a click in the sequence, and of any other.
 _REGULAR, _REGULAR_LIKENESS = 4.0, 0.2
 _LOUD, _LOUD_LIKENESS = 8.0, 0.6
@@ -32,8 +29,6 @@ _MISSED, _MISSED_COST, _COST, _GAIN = 8, 2.0, 6.0, 60.0
 #: Clicks before and after by which one is judged, and by how much it may be off these [s]: new strings
 #: shorten the first half swing by 1.5 ms.
 _NEIGHBOURS, _OFF_LINE = 5, 2.0e-3
-#: Amplitude over that of the loudest of a group, from which on an earlier candidate is the first impact of the group.
-_FIRST = 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,35 +45,23 @@ def select(scores: Scores) -> Selection:
     """The clicks among candidates."""
     able = (scores.snr >= _REGULAR) & (scores.likeness >= _REGULAR_LIKENESS)
     loud = (scores.snr >= _LOUD) & (scores.likeness >= _LOUD_LIKENESS)
-    first_ones = _without_echoes(scores, loud, np.zeros(len(loud), bool))
-    half_swing = _half_swing(scores.instants[first_ones])
+    half_swing = _half_swing(scores.instants[_without_echoes(scores, loud, np.zeros(len(loud), bool))])
     chain = np.zeros(len(able), bool)
     if half_swing == half_swing:
         chain[_sequence(scores, np.flatnonzero(able), half_swing)] = True
     kept = _without_echoes(scores, loud | chain, chain)
-    places = np.array([_first_of_group(scores, k, loud) for k in np.flatnonzero(kept)], int)
+    places = np.array(
+        [first_of_group(scores.instants, scores.sizes, k, loud | chain) for k in np.flatnonzero(kept)], int
+    )
     regular = chain[kept]
     places, order = np.unique(places, return_index=True)
     return Selection(places, regular[order], half_swing)
 
 
 def _without_echoes(scores: Scores, able: np.ndarray, certain: np.ndarray) -> np.ndarray:
-    """Which of the able candidates (K,) are neither echoes of others nor in their dead time; the certain ones first,
-    then the loudest."""
-    kept = np.zeros(len(able), bool)
-    size = scores.sizes
-    for k in sorted(np.flatnonzero(able), key=lambda k: (not certain[k], -size[k])):
-        after = scores.instants[k] - scores.instants[kept]
-        masked = size[kept] * np.where(after > 0.0, _ECHO * np.exp(-np.abs(after) / _ECHO_TIME), 0.0)
-        kept[k] = not ((np.abs(after) < DEAD_TIME) | (masked > size[k])).any()
-    return kept
-
-
-def _first_of_group(scores: Scores, k: int, loud: np.ndarray) -> int:
-    """The candidate with which the group of click k begins."""
-    before = scores.instants[k] - scores.instants
-    group = loud & (before > 0.0) & (before < DEAD_TIME) & (scores.sizes > _FIRST * scores.sizes[k])
-    return int(np.flatnonzero(group)[0]) if group.any() else int(k)
+    """Which of the able candidates (K,) are neither echoes nor in a dead time; the certain ones first, then the loudest."""
+    rank = np.lexsort((-scores.sizes, ~certain))
+    return without_echoes(scores.instants, scores.sizes, rank[able[rank]])
 
 
 def _half_swing(instants: np.ndarray) -> float:

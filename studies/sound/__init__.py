@@ -1,0 +1,1 @@
+"""How well the clicks of a cradle are found in sound, and what they say of the cradle."""
