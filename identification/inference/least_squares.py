@@ -118,9 +118,9 @@ def refine(
     descent = _Descent(likelihood, inside, first, options.broyden_error)
     while True:
         fit = least_squares(
-            descent.residuals,
+            descent.padded_residuals,
             inside,
-            descent.derivatives,  # type: ignore[arg-type]  # SciPy's stubs do not know that this may be a function
+            descent.padded_derivatives,  # type: ignore[arg-type]  # SciPy's stubs do not know that this may be a function
             (low - 1e-12, high + 1e-12),
             x_scale=difference_steps(likelihood),
             max_nfev=evaluations,
@@ -131,7 +131,7 @@ def refine(
         if evaluations <= 0 or descent.is_exact or cost_before - fit.cost < gain * fit.cost:
             return fit.x, 2.0 * float(fit.cost)
         cost_before = fit.cost  # a Broyden update may have ended the descent: repeat it with a new Jacobian
-        descent = _Descent(likelihood, fit.x, fit.fun, options.broyden_error)
+        descent = _Descent(likelihood, fit.x, descent.residuals(fit.x), options.broyden_error)
 
 
 def refine_each(
@@ -147,6 +147,9 @@ class _Descent:
     The Jacobian costs a simulation for each unknown. A Broyden update replaces it while the last step's prediction
     error is below `broyden_error` of the change in residuals, unless impacts can change their order. is_exact: whether
     the last Jacobian is by differences. Source: Broyden, Math. Comp. 19, 577 (1965).
+
+    SciPy gets D more residuals, which are 0. Their derivatives are 0 except for unknowns that no residual depends on,
+    such as an unknown noise: a singular Jacobian makes its steps in all the others tiny.
     """
 
     def __init__(self, likelihood: Misfit, start: np.ndarray, residuals: np.ndarray, broyden_error: float):
@@ -170,6 +173,16 @@ class _Descent:
             J = difference_jacobian(self.likelihood, point, value)
         self._linearization = point.copy(), value, J
         return J
+
+    def padded_residuals(self, point: np.ndarray) -> np.ndarray:
+        """Residuals and D zeros, (R + D,)."""
+        return np.concatenate([self.residuals(point), np.zeros(len(point))])
+
+    def padded_derivatives(self, point: np.ndarray) -> np.ndarray:
+        """The Jacobian and D rows that keep unknowns without an influence where they are, (R + D, D)."""
+        J = self.derivatives(point)
+        sizes = np.linalg.norm(J, axis=0) * self.steps
+        return np.vstack([J, np.diag(np.where(sizes == 0.0, (sizes.max() or 1.0) / self.steps, 0.0))])
 
     def _broyden_update(self, point: np.ndarray, value: np.ndarray) -> np.ndarray | None:
         """The last Jacobian, corrected in the direction of the step; None if its prediction error is too large."""
