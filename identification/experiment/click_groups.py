@@ -29,13 +29,13 @@ def first_of_group(instants: np.ndarray, loudness: np.ndarray, k: int, able: np.
     return int(np.flatnonzero(group if able is None else group & able)[0])
 
 
-def click_instants(instants: np.ndarray, speeds: np.ndarray) -> np.ndarray:
-    """The instants [s] of the clicks of impacts (K,) at these instants, in order, with these speeds [m/s].
+def click_impacts(instants: np.ndarray, speeds: np.ndarray) -> np.ndarray:
+    """Indices of the impacts that make clicks, of impacts (K,) at these instants [s], in order, and speeds [m/s].
 
-    >>> click_instants(np.array([1.0, 1.003, 1.5]), np.array([0.3, 0.3, 0.2]))
-    array([1. , 1.5])
+    >>> click_impacts(np.array([1.0, 1.003, 1.5]), np.array([0.3, 0.3, 0.2]))
+    array([0, 2])
     """
     if len(instants) < 2 or np.diff(instants).min() > max(DEAD_TIME, 5.0 * ECHO_TIME):  # two bobs: each is a click
-        return instants
+        return np.arange(len(instants))
     kept = np.flatnonzero(without_echoes(instants, speeds, np.argsort(-speeds, kind="stable")))
-    return np.unique(instants[[first_of_group(instants, speeds, k) for k in kept]])
+    return np.unique([first_of_group(instants, speeds, int(k)) for k in kept])

@@ -1,7 +1,8 @@
 """Read recorded motion from a CSV or a Tracker export, in SI units; write a CSV.
 
 A CSV has one header line: `t` or `t [s]`, then `theta_i [rad]` or `x_i [m]` for each bob i seen. Empty fields and
-`nan` are missing values; lines that begin with # are comments.
+`nan` are missing values; lines that begin with # are comments. Of impacts, a column `t [s]` holds the instants of
+clicks; others, as `cradle measure sound` writes them, are not read.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ from identification.storage.files import ExperimentError, read_text
 _LABEL = re.compile(r"(t|(theta|x)_(\d{1,9}))\s*(?:\[\s*(\S*?)\s*\])?", re.ASCII)
 
 
-def read_recording(path: Path, bobs: int | None = None) -> Recording:
+def read_recording(path: Path, bobs: int | None = None, *, impacts: bool = False) -> Recording:
     """Read a CSV or a Tracker export.
 
     Parameters
@@ -36,6 +37,8 @@ def read_recording(path: Path, bobs: int | None = None) -> Recording:
         The file.
     bobs : int, optional
         Number of bobs of the cradle; the highest bob in the file if omitted.
+    impacts : bool
+        Whether the file is a CSV of the instants of clicks.
 
     Returns
     -------
@@ -46,12 +49,14 @@ def read_recording(path: Path, bobs: int | None = None) -> Recording:
     ExperimentError
         If the file is unusable; the message names line and column.
     """
-    return parse_recording(path.name, *read_text(path), bobs)
+    return parse_recording(path.name, *read_text(path), bobs, impacts=impacts)
 
 
-def parse_recording(name: str, text: str, data: bytes, bobs: int | None = None) -> Recording:
+def parse_recording(name: str, text: str, data: bytes, bobs: int | None = None, *, impacts: bool = False) -> Recording:
     """Do the same for the text of a file that is already read; data: its bytes."""
     lines = text.split("\n")
+    if impacts:
+        return _read_impacts(name, lines, bobs or 1, data)
     if is_tracker(lines):
         return read_tracker(name, lines, bobs, data)
     return _read_csv(name, lines, bobs, data)
@@ -79,6 +84,27 @@ def _read_csv(name: str, lines: list[str], bobs: int | None, data: bytes) -> Rec
             names[bob - 1] = labels[i]
     lines_of = np.broadcast_to(rows[:, None], readings.shape)
     return Recording(name, times, readings, quantity, unit, scale, tuple(names), lines_of, False, data)
+
+
+def _read_impacts(name: str, lines: list[str], bobs: int, data: bytes) -> Recording:
+    top = next((i for i, line in enumerate(lines) if is_content(line)), None)
+    if top is None:
+        raise ExperimentError(f"{name}, line 1: empty; it needs a header line, t [s], and an instant in each row")
+    delimiter = find_delimiter(lines[top])
+    labels = split_header(lines[top], delimiter)
+    at = f"{name}, line {top + 1}"
+    clocks = [i for i, label in enumerate(labels) if (match := _LABEL.fullmatch(label)) and match[1] == "t"]
+    if len(clocks) != 1:
+        raise ExperimentError(f"{at}: {len(clocks)} columns t; a file of impacts has one, t [s], of clicks")
+    _, _, scale, unit = _parse_label(at, labels[clocks[0]], None)
+    numbers, rows = read_rows(name, lines, range(top + 1, len(lines)), labels, delimiter)
+    times = numbers[:, clocks[0]] * scale
+    check_ascending(name, times, rows, labels[clocks[0]])
+    readings = np.full((len(times), bobs), np.nan)
+    readings[:, 0] = times
+    names = (labels[clocks[0]], *[""] * (bobs - 1))
+    lines_of = np.broadcast_to(rows[:, None], readings.shape)
+    return Recording(name, times, readings, "impacts", unit, scale, names, lines_of, False, data)
 
 
 def _parse_label(at: str, label: str, bobs: int | None) -> tuple[str, int, float, str]:
@@ -129,7 +155,8 @@ def _check_columns(at: str, labels: list[str], columns: list[tuple[str, int, flo
 def csv_text(times: np.ndarray, readings: np.ndarray, quantity: str) -> str:
     """Format a CSV in SI units. It reads back to exactly the same numbers; nan becomes an empty field.
 
-    times: (T,) [s]; readings: (T, N) [rad] or [m]; quantity: "theta" or "x".
+    times: (T,) [s]; readings: (T, N) [rad] or [m]; quantity: "theta", "x", or "impacts", of which the times alone are
+    written.
 
     >>> print(csv_text(np.array([0.0, 0.5]), np.array([[0.2], [np.nan]]), "theta"))
     t [s],theta_1 [rad]
@@ -137,6 +164,8 @@ def csv_text(times: np.ndarray, readings: np.ndarray, quantity: str) -> str:
     0.5,
     <BLANKLINE>
     """
+    if quantity == "impacts":
+        return "\n".join(["t [s]", *map(repr, times.tolist()), ""])
     unit = next(iter(UNITS[quantity]))
     header = ",".join(["t [s]", *(f"{quantity}_{i + 1} [{unit}]" for i in range(readings.shape[1]))])
     rows = (

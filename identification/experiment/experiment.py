@@ -169,17 +169,17 @@ class Experiment:
     def from_texts(cls, texts: Mapping[str, str]) -> Experiment:
         """Parse an experiment from the texts of its files, by name, with errors as in `load`."""
 
-        def recording_of(file: str, bobs: int) -> Recording:
+        def recording_of(file: str, bobs: int, impacts: bool) -> Recording:
             if file not in texts:
                 raise ValueError(f"there is no file {file!r} beside it; there are {', '.join(map(repr, texts))}")
-            return parse_recording(file, texts[file], texts[file].encode(), bobs)
+            return parse_recording(file, texts[file], texts[file].encode(), bobs, impacts=impacts)
 
         text = texts[FILE_NAME]
         return cls._parse(text, None, text.encode(), recording_of)
 
     @classmethod
     def _parse(
-        cls, text: str, path: Path | None, data: bytes, recording_of: Callable[[str, int], Recording]
+        cls, text: str, path: Path | None, data: bytes, recording_of: Callable[[str, int, bool], Recording]
     ) -> Experiment:
         name = FILE_NAME if path is None else path.name
         cradle, runs, infer, unknown, recorded = read_experiment(text, name, recording_of)
@@ -215,8 +215,8 @@ class Experiment:
         return texts
 
 
-def _in_folder(folder: Path) -> Callable[[str, int], Recording]:
-    return lambda file, bobs: read_recording(resolve_beside(folder, file), bobs)
+def _in_folder(folder: Path) -> Callable[[str, int, bool], Recording]:
+    return lambda file, bobs, impacts: read_recording(resolve_beside(folder, file), bobs, impacts=impacts)
 
 
 def _digest(*files: bytes) -> str:

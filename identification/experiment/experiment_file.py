@@ -20,14 +20,14 @@ from identification.storage.toml_table import Table, toml_key, toml_text
 FILE_NAME = "experiment.toml"
 FORMAT = "cradle-experiment/1"
 _CRADLE_KEYS = tuple(f.name for f in dataclasses.fields(Cradle) if f.name not in ("model", "effects"))
-_RUN_KEYS = ("file", "release", "delta", "noise", "fit_from", "fit_to", "state", "rest")
+_RUN_KEYS = ("file", "quantity", "release", "delta", "noise", "fit_from", "fit_to", "state", "rest")
 _PRIOR_KEYS = ("mean", "sd", "low", "high")
 _PRIOR = "a prior, { mean = ..., sd = ... } or { low = ..., high = ... }"
 _RELEASE_KEYS = ("bobs", "angle", "angles", "angle_sd", "time_sd", "start")
 
 
 def read_experiment(
-    text: str, name: str, recording_of: Callable[[str, int], Recording]
+    text: str, name: str, recording_of: Callable[[str, int, bool], Recording]
 ) -> tuple[Cradle, tuple[Run, ...], dict[str, Prior], tuple[str, ...], list[bytes]]:
     """Read an experiment.toml.
 
@@ -38,7 +38,8 @@ def read_experiment(
     name : str
         Name of the file, for errors.
     recording_of : callable
-        recording_of(file, bobs) reads a data file. It raises ValueError if the file may not be read.
+        recording_of(file, bobs, impacts) reads a data file, of clicks if impacts is true. It raises ValueError if the
+        file may not be read.
 
     Returns
     -------
@@ -63,16 +64,18 @@ def read_experiment(
     model, unknown = _read_model(top.table("model") if "model" in top else Table(name, text, {}), bobs)
     cradle = _read_cradle(known, model)
     infer = _read_priors(top.table("infer"), cradle) if "infer" in top else {}
-    recordings: dict[str, Recording] = {}
+    recordings: dict[tuple[str, bool], Recording] = {}
     runs = []
     for table in top.tables("run"):
         table.allow_only(_RUN_KEYS)
         file = table.string("file")
-        if file not in recordings:
+        impacts = "quantity" in table and table.string("quantity", ("impacts",)) == "impacts"
+        if (file, impacts) not in recordings:
             with table.entry("file"):
-                recordings[file] = recording_of(file, cradle.bobs)
-        run = _read_run(table, file, recordings[file], cradle)
-        _check_magnitudes(recordings[file], cradle, infer.get("length"))
+                recordings[file, impacts] = recording_of(file, cradle.bobs, impacts)
+        run = _read_run(table, file, recordings[file, impacts], cradle)
+        if not impacts:
+            _check_magnitudes(recordings[file, impacts], cradle, infer.get("length"))
         runs.append(run)
     return cradle, tuple(runs), infer, unknown, [recording.data for recording in recordings.values()]
 
@@ -242,6 +245,8 @@ def experiment_text(
     lines += ["", *model_lines(cradle, unknown_effect_parameters)]
     for run in runs:
         entries = {key: getattr(run, key) for key in _RUN_KEYS} | {"file": Path(run.file).name}
+        if not run.of_impacts:  # the header of the file says which of the others it is
+            del entries["quantity"]
         if run.release is not None:
             release = {key: value for key, value in vars(run.release.release).items() if value is not None}
             if "angles" in release:

@@ -15,6 +15,7 @@ UNITS = {
     "t": {"s": 1.0, "ms": 1e-3},
     "theta": {"rad": 1.0, "deg": math.pi / 180.0},
     "x": {"m": 1.0, "mm": 1e-3, "cm": 1e-2},
+    "impacts": {"s": 1.0, "ms": 1e-3},
 }
 
 
@@ -29,9 +30,10 @@ class Recording:
     times : ndarray of shape (T,)
         Times [s], ascending.
     readings : ndarray of shape (T, N)
-        Angles [rad] or displacements [m]; nan where missing.
-    quantity : {"theta", "x"}
-        Angles or displacements.
+        Angles [rad] or displacements [m]; nan where missing. Of impacts, the times [s] in the column of bob 1: a
+        click belongs to no bob.
+    quantity : {"theta", "x", "impacts"}
+        Angles, displacements, or instants of clicks.
     unit : str
         Unit of the readings in the file.
     scale : float

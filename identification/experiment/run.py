@@ -111,17 +111,19 @@ class Run:
     Parameters
     ----------
     times : ndarray of shape (T,)
-        Times [s], ascending, 0 at the release if there is one.
+        Times [s], ascending, 0 at the release if there is one. Of impacts, the instants of clicks from the beginning of
+        the recording.
     readings : ndarray of shape (T, N)
-        Angles [rad], or displacements from each bob's rest position [m]; nan where missing.
-    quantity : {"theta", "x"}
-        Angles or displacements.
+        Angles [rad], or displacements from each bob's rest position [m]; nan where missing. Of impacts, the times [s]
+        in the column of bob 1.
+    quantity : {"theta", "x", "impacts"}
+        Angles, displacements, or instants of clicks.
     release : ReleaseInfo, optional
         How the run began; required with state="release".
     delta : float or tuple of float, optional
         δ, one number or one per gap; in an `Experiment`, that of the cradle if omitted.
     noise : float, optional
-        Standard deviation of one reading [rad or m]; inferred if omitted.
+        Standard deviation of one reading [rad, m or s]; inferred if omitted.
     fit_from : float, optional
         Earlier readings are not used [s]; the first reading if omitted.
     fit_to : float, optional
@@ -162,7 +164,7 @@ class Run:
 
     def __post_init__(self) -> None:
         for name, choices in (
-            ("quantity", ("theta", "x")),
+            ("quantity", ("theta", "x", "impacts")),
             ("state", ("release", "free")),
             ("rest", ("known", "free")),
             ("unit", UNITS.get(self.quantity, ())),
@@ -178,7 +180,11 @@ class Run:
                 ' add release = { bobs = 1, angle = ... }, or write state = "free"'
             )
         if self.noise is not None:
-            object.__setattr__(self, "noise", check_noise(self.noise, "rad" if self.quantity == "theta" else "m"))
+            object.__setattr__(self, "noise", check_noise(self.noise, self.si_unit))
+        if self.of_impacts and (self.state, self.rest) != ("release", "known"):
+            raise ValueError('state and rest of a run of impacts stay "release" and "known": a click shows no position')
+        if self.of_impacts and self.release is not None and self.release.time_sd > 0.0:
+            raise ValueError("time_sd must be 0 in a run of impacts, whose clock is inferred; leave it out")
         self._check_window()
 
     def _check_arrays(self) -> None:
@@ -219,6 +225,16 @@ class Run:
         object.__setattr__(self, "fit_from", max(start, float(seen[0])))  # the first reading that can be fitted
 
     @property
+    def of_impacts(self) -> bool:
+        """Whether its readings are the instants of clicks."""
+        return self.quantity == "impacts"
+
+    @property
+    def si_unit(self) -> str:
+        """The SI unit of its readings."""
+        return next(iter(UNITS[self.quantity]))
+
+    @property
     def duration(self) -> float:
         """Time from the start of a simulation of the run to its last reading [s]."""
         return max(float(self.times[-1]) - (self.fit_from if self.state == "free" else 0.0), 0.0)
@@ -242,7 +258,9 @@ class Run:
         return f"line {self.lines[row, bob] or self.lines[row].max()}"
 
     def angles(self, cradle: Cradle) -> np.ndarray:
-        """Readings as angles [rad], (T, N); displacements beyond the length of the strings become ±π/2."""
+        """Readings as angles [rad], (T, N); displacements beyond the length of strings become ±π/2; nan of impacts."""
+        if self.of_impacts:
+            return np.full(self.readings.shape, np.nan)
         return self.readings if self.quantity == "theta" else np.arcsin(np.clip(self.readings / cradle.length, -1, 1))
 
     @property

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from cradle_env.cradle import Cradle
+from identification.experiment.click_scaffold import click_scaffold_text, read_clicks
 from identification.experiment.csv_file import csv_text
 from identification.experiment.experiment import Experiment
 from identification.experiment.experiment_file import FILE_NAME, FORMAT
@@ -86,9 +87,17 @@ def scaffold(
     if path.suffix != ".toml":
         check_folder(path)
         path = path / FILE_NAME
-    table = read_table(data_csv, columns)
+    clicks = None if columns is not None and columns.any else read_clicks(data_csv)
+    table = read_table(data_csv, columns) if clicks is None else None
     if path.exists() and not overwrite:
         raise ExperimentError(f"{path}: exists already; name another file, or have it replaced (--overwrite)")
+    if table is None:
+        assert clicks is not None
+        report(f"{len(clicks.times)} clicks, as `cradle measure sound` writes them")
+        same = _check_target(path.parent / data_csv.name, clicks.data, overwrite)
+        text = click_scaffold_text(clicks, data_csv.name)
+        write_together(path.parent, {**({} if same else {data_csv.name: clicks.data}), path.name: text})
+        return path
     if np.isnan(table.recording.readings).all():
         raise ExperimentError(f"{data_csv}: holds no reading at all; each row needs a value or more")
     if not data_csv.name.isprintable():

@@ -22,7 +22,7 @@ from identification.inference.likelihood import Likelihood
 from identification.inference.linear_algebra import on_one_thread
 from identification.inference.mcmc import sample
 from identification.inference.mode_search import find_mode, refit
-from identification.inference.noise_model import rms
+from identification.inference.noise_model import rms, typical
 from identification.inference.nonsmooth import wide_difference_jacobian
 from identification.inference.posterior import Posterior
 from identification.inference.predictive_check import predictive_bound
@@ -150,7 +150,7 @@ def measure_gap(posterior: Posterior, options: SearchOptions = DEFAULT) -> Gap:
     for k, run in enumerate(full.experiment.runs):
         if run.noise is None and train[k].any():
             residual = likelihood.predict(point, k, train[k])[0] - run.readings[train[k]]
-            weights[k] = min(weights[k], rms(residual))
+            weights[k] = min(weights[k], typical(residual, run))
     unseen = unseen.with_noise(unseen.noise_model.with_weights(weights))
     scaled: dict[str, list[np.ndarray]] = {"train": [], "held_out": []}
     raw: dict[str, list[np.ndarray]] = {"train": [], "held_out": []}
@@ -160,7 +160,10 @@ def measure_gap(posterior: Posterior, options: SearchOptions = DEFAULT) -> Gap:
         for part, rows in (("train", train[k]), ("held_out", held_out[k])):
             if rows.any():
                 residual = likelihood.predict(point, k, rows)[0] - run.readings[rows]
-                raw[part].append(residual * in_first)
+                if run.of_impacts == (quantity == "impacts"):
+                    raw[part].append(residual * in_first)
+                if run.of_impacts:  # false clicks are no misfit: each click counts with the typical residual
+                    residual = np.where(np.isfinite(residual), typical(residual, run), np.nan)
                 scaled[part].append((residual / weights[k]).ravel())
     by_bob = {part: _rms_by_bob(rows) for part, rows in raw.items() if rows}
     ratio = {part: rms(np.concatenate(rows)) if rows else np.nan for part, rows in scaled.items()}

@@ -73,6 +73,9 @@ def laplace_approximation(likelihood: MisfitWithNoise, point: np.ndarray, J: np.
     for i, u in enumerate(likelihood.unknowns):
         if u.name in readings_by_noise:  # the Fisher information of ln σ
             information[i, i] = 2.0 * readings_by_noise[u.name]
+        if not math.isnan(u.width):
+            information[i, i] += 1.0 / u.width**2
+            continue
         open_width = min(u.high - u.low, _OPEN_WIDTH * max(u.search, abs(u.start), 1e-3))
         information[i, i] += 1.0 / (_OPEN_LOG_WIDTH if u.log else open_width) ** 2
     return Mode(point, regularize_covariance(np.linalg.inv(information)), chi2)

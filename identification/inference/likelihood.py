@@ -18,17 +18,29 @@ from cradle_env.trajectory import Trajectory
 from identification.experiment.experiment import Experiment
 from identification.experiment.noise import chi2_inflation, estimate_correlation
 from identification.experiment.run import Run
+from identification.inference import click_likelihood
 from identification.inference.impossible_model import ImpossibleModelError, raises_impossible
 from identification.inference.instrument import Instrument
 from identification.inference.noise_model import NoiseModel
-from identification.inference.unknowns import Unknown, model_unknowns, name_in_run, noise_name, run_unknowns, sag
+from identification.inference.unknowns import (
+    CLICK_LAG,
+    FALSE_RATE,
+    MISSED,
+    RELEASE_TIME,
+    Unknown,
+    model_unknowns,
+    name_in_run,
+    noise_name,
+    run_unknowns,
+    sag,
+)
 
 #: Sampling of θ_n for σ and λ [1/s].
 LAMBDA_RATE = 240.0
 #: Tolerance of the inference's simulations, looser than that of `simulate`. Errors stay far below any noise: 1e-7 rad
 #: over 10 s, 3e-6 with dry friction, 1e-5 with contacts followed in time, a thousandth of the change by string creep.
 TOLERANCE = 5e-12
-_NONE = np.empty(0)
+_LAMBDA_GRID, _NONE = np.arange(int(WINDOW[1] * LAMBDA_RATE) + 1) / LAMBDA_RATE, np.empty(0)
 
 
 class Likelihood:
@@ -125,7 +137,7 @@ class Likelihood:
         if run.state == "release":
             assert run.release is not None
             error = values.get(name_in_run("release_angle_error", index), 0.0)
-            late = values.get(name_in_run("release_time_error", index), 0.0)
+            late = values.get(name_in_run(RELEASE_TIME if run.of_impacts else "release_time_error", index), 0.0)
             return shift_release_angle(run.release.release, error), late
         bobs = range(1, self.experiment.cradle.bobs + 1)
 
@@ -146,18 +158,36 @@ class Likelihood:
         """Predict the readings of run `index` at a point (D,).
 
         Returns (readings (T, N) at its times[rows], λ [1/s] of the run or nan). Raises ImpossibleModelError if there is
-        no such run.
+        no such run. Of impacts, the readings are the predicted instant nearest to each click, nan where none is near.
         """
         values, run = self.values(point), self.experiment.runs[index]
+        if run.of_impacts:
+            instants, rate = self.clicks(values, index, rows, with_lambda)
+            return click_likelihood.as_readings(run.times[rows], instants, run.readings.shape[1]), rate
         cradle = self.cradle(values, run)
         initial, zero = self.initial_condition(values, index)
-        grid = np.arange(int(WINDOW[1] * LAMBDA_RATE) + 1) / LAMBDA_RATE if with_lambda else np.empty(0)
+        grid = _LAMBDA_GRID if with_lambda else _NONE
         readings, theta = self.simulate_readings(cradle, initial, run.times[rows] - zero, values, index, grid)
-        if not with_lambda:
-            return readings, math.nan
-        assert isinstance(initial, Release)
-        end, theta0 = initial.lead(cradle)
-        return readings, float(newton_exponent(grid, sigma(grid, theta[:, end], theta0, cradle.period)))
+        return readings, _newton_exponent(cradle, initial, grid, theta) if with_lambda else math.nan
+
+    @raises_impossible
+    def clicks(
+        self, values: Mapping[str, float], index: int, rows: np.ndarray, with_lambda: bool = False
+    ) -> tuple[np.ndarray, float]:
+        """Predict the clicks of run `index` up to its last row.
+
+        Returns (instants [s] in order, λ [1/s] or nan). Raises ImpossibleModelError if there is no such run.
+        """
+        run = self.experiment.runs[index]
+        cradle = self.cradle(values, run)
+        initial, zero = self.initial_condition(values, index)
+        clock, grid = self.instrument(cradle, index).clock, _LAMBDA_GRID if with_lambda else _NONE
+        until = (float(run.times[rows][-1]) + click_likelihood.GATE - zero) / clock
+        instants, theta = click_likelihood.simulate_clicks(
+            cradle, initial, max(until, 0.0), values[name_in_run(CLICK_LAG, index)], grid, TOLERANCE
+        )
+        rate = _newton_exponent(cradle, initial, grid, theta) if with_lambda else math.nan
+        return zero + clock * instants, rate
 
     @raises_impossible
     def motion(self, values: Mapping[str, float], index: int, times: np.ndarray) -> Trajectory:
@@ -218,18 +248,29 @@ class Likelihood:
             return -math.inf, math.nan
         total, rate = prior, math.nan
         values = self.values(point)
-        for k, (run, rows) in enumerate(zip(self.experiment.runs, self.rows, strict=True)):
+        for k, rows in enumerate(self.rows):
             if not rows.any():
                 continue
             try:
-                readings, rate_of_run = self.predict(point, k, rows, with_lambda=k == 0 and self.gives_lambda)
+                density, found = self._log_density_of_run(point, values, k, with_lambda=k == 0 and self.gives_lambda)
             except ImpossibleModelError:
                 return -math.inf, math.nan
-            rate = rate_of_run if k == 0 else rate
-            seen = ~np.isnan(run.readings[rows])
-            residual = (run.readings[rows] - readings)[seen]
-            total += self.noise_model.log_density(k, residual, self.sigma_of(values, k))
+            total, rate = total + density, found if k == 0 else rate
         return (total, rate) if math.isfinite(total) else (-math.inf, math.nan)
+
+    def _log_density_of_run(
+        self, point: np.ndarray, values: Mapping[str, float], index: int, with_lambda: bool
+    ) -> tuple[float, float]:
+        """Compute (log density of the readings of run `index`, λ [1/s] or nan)."""
+        run, rows, noise = self.experiment.runs[index], self.rows[index], self.sigma_of(values, index)
+        if run.of_impacts:
+            instants, rate = self.clicks(values, index, rows, with_lambda)
+            missed, false_rate = (values[name_in_run(name, index)] for name in (MISSED, FALSE_RATE))
+            density = click_likelihood.log_density(run.times[rows], instants, noise, missed, false_rate)
+            return density / self.noise_model.inflations[index], rate
+        readings, rate = self.predict(point, index, rows, with_lambda)
+        residual = (run.readings[rows] - readings)[~np.isnan(run.readings[rows])]
+        return self.noise_model.log_density(index, residual, noise), rate
 
     def log_densities(self, points: np.ndarray) -> np.ndarray:
         """Compute `log_density` at each of (K, D) points, in threads; shape (K, 2)."""
@@ -243,10 +284,15 @@ class Likelihood:
         """
         parts = []
         for k, (run, rows) in enumerate(zip(self.experiment.runs, self.rows, strict=True)):
-            if rows.any():
-                seen = ~np.isnan(run.readings[rows])
-                residual = self.predict(point, k, rows)[0] - run.readings[rows]
-                parts.append((residual / self.noise_model.weights[k])[seen])
+            if not rows.any():
+                continue
+            weight = self.noise_model.weights[k]
+            if run.of_impacts:
+                instants, _ = self.clicks(self.values(point), k, rows)
+                parts.append(click_likelihood.residuals(run.times[rows], instants, weight))
+                continue
+            seen = ~np.isnan(run.readings[rows])
+            parts.append(((self.predict(point, k, rows)[0] - run.readings[rows]) / weight)[seen])
         prior = [
             (u.value(z) - u.mean) / u.sd for u, z in zip(self.unknowns, point, strict=True) if not math.isnan(u.sd)
         ]
@@ -255,6 +301,12 @@ class Likelihood:
     def whiten(self, residuals: np.ndarray) -> np.ndarray:
         """Divide residuals (R,) or (R, M) over the weights of the noise model by impact-order noise as well."""
         return self.noise_model.whiten(residuals, self.reading_slices())
+
+
+def _newton_exponent(cradle: Cradle, initial: Release | InitialState, grid: np.ndarray, theta: np.ndarray) -> float:
+    assert isinstance(initial, Release)
+    end, theta0 = initial.lead(cradle)
+    return float(newton_exponent(grid, sigma(grid, theta[:, end], theta0, cradle.period)))
 
 
 @raises_impossible

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from cradle_env.threads import in_threads
+from identification.inference.click_likelihood import LEAST_WEIGHT
 from identification.inference.impossible_model import ImpossibleModelError
 from identification.inference.laplace import Mode, laplace_approximation
 from identification.inference.least_squares import (
@@ -20,7 +21,7 @@ from identification.inference.least_squares import (
     refine_each,
 )
 from identification.inference.likelihood import Likelihood
-from identification.inference.noise_model import rms
+from identification.inference.noise_model import typical
 from identification.inference.search_options import DEFAULT, SearchOptions
 from identification.progress import Progress
 
@@ -38,6 +39,9 @@ _KAPPA_GAIN = 1e-3
 _CLOSE_KAPPA_ROUNDS = 5
 #: Evaluations of each fit in such a round, and of the best of them.
 _CLOSE_KAPPA_EVALUATIONS, _CLOSE_KAPPA_FINAL_EVALUATIONS = 5, 40
+#: Refinements of runs of clicks at most, each weighted by the residuals of the last, and the part of a weight above
+#: which another changes nothing: weights fall from a millisecond to the errors of timing, and false clicks drop out.
+_REWEIGHTINGS, _SETTLED = 8, 0.9
 
 
 def find_mode(
@@ -135,9 +139,11 @@ def _reweight(likelihood: Likelihood, point: np.ndarray) -> Likelihood:
     """
     weights = list(likelihood.noise_model.weights)
     for k, (run, rows) in enumerate(zip(likelihood.experiment.runs, likelihood.rows, strict=True)):
-        if run.noise is None and rows.any():
+        if (run.noise is None or run.of_impacts) and rows.any():
             residual = likelihood.predict(point, k, rows)[0] - run.readings[rows]
-            weights[k] = max(rms(residual), likelihood.noise_model.scales[k])
+            is_guess = run.of_impacts and run.noise is None  # no estimate from the readings, as of a smooth motion
+            least = LEAST_WEIGHT if is_guess else likelihood.noise_model.scales[k]
+            weights[k] = max(typical(residual, run), least)
     return likelihood.with_noise(likelihood.noise_model.with_weights(weights))
 
 
@@ -185,8 +191,14 @@ def search_close_kappa_modes(likelihood: Likelihood, point: np.ndarray, options:
 
 def refit(likelihood: Likelihood, point: np.ndarray, options: SearchOptions = DEFAULT) -> tuple[Likelihood, np.ndarray]:
     """Refine a point near its mode, runs of unknown noise weighted by their residuals; (likelihood, point (D,))."""
-    likelihood = _reweight(likelihood, point)
-    return likelihood, refine(likelihood, point, _FINAL_EVALUATIONS, options)[0]
+    has_clicks = any(run.of_impacts for run in likelihood.experiment.runs)
+    for _ in range(_REWEIGHTINGS if has_clicks else 1):
+        before = likelihood.noise_model.weights
+        likelihood = _reweight(likelihood, point)
+        point = refine(likelihood, point, _FINAL_EVALUATIONS, options)[0]
+        if all(new > _SETTLED * old for new, old in zip(likelihood.noise_model.weights, before, strict=True)):
+            break
+    return likelihood, point
 
 
 def early_rows(likelihood: Likelihood, periods: float = DEFAULT.early_periods) -> list[np.ndarray]:

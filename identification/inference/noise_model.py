@@ -11,6 +11,8 @@ import numpy as np
 
 from identification.experiment.experiment import Experiment
 from identification.experiment.noise import noise_of
+from identification.experiment.run import Run
+from identification.inference.click_likelihood import NOISE, SEARCH_WEIGHT
 
 #: While the noise of a run is unknown, a search divides residuals by at least this part of the readings' RMS.
 _UNKNOWN_NOISE = 0.02
@@ -67,11 +69,8 @@ class NoiseModel:
     @classmethod
     def of(cls, experiment: Experiment) -> NoiseModel:
         """Make the model of white noise, as stated or estimated for each run."""
-        scales = tuple(noise_of(run) for run in experiment.runs)
-        weights = (
-            scale if run.noise is not None else max(scale, _UNKNOWN_NOISE * rms(run.readings[run.fitted]))
-            for run, scale in zip(experiment.runs, scales, strict=True)
-        )
+        scales = tuple(_scale(run) for run in experiment.runs)
+        weights = (_weight(run, scale) for run, scale in zip(experiment.runs, scales, strict=True))
         return cls(scales, tuple(weights), (1.0,) * len(scales))
 
     def with_weights(self, weights: Sequence[float]) -> NoiseModel:
@@ -103,6 +102,29 @@ class NoiseModel:
             residuals = self.impact_order[run].whiten(residuals, scale)
             volume += self.impact_order[run].log_volume(scale)
         return -(0.5 * float(np.sum(residuals**2)) + volume) / self.inflations[run]
+
+
+def _scale(run: Run) -> float:
+    """Standard deviation of one reading, as stated or estimated; of clicks a first guess, for they lie on no curve."""
+    if run.of_impacts:
+        return NOISE if run.noise is None else run.noise
+    return noise_of(run)
+
+
+def _weight(run: Run, scale: float) -> float:
+    """What least squares divides the residuals of a run by, until the best fit is known."""
+    if run.of_impacts:
+        return max(scale, SEARCH_WEIGHT)
+    return scale if run.noise is not None else max(scale, _UNKNOWN_NOISE * rms(run.readings[run.fitted]))
+
+
+def typical(residuals: np.ndarray, run: Run) -> float:
+    """RMS of the residuals of a run; of clicks their median size as that of a normal distribution, which false ones
+    change little."""
+    if not run.of_impacts:
+        return rms(residuals)
+    finite = np.abs(residuals[np.isfinite(residuals)])
+    return float(np.median(finite)) / 0.6745 if len(finite) else math.nan
 
 
 def rms(values: np.ndarray) -> float:

@@ -158,9 +158,10 @@ def fit_figure(posterior: Posterior, draws: int = 100) -> Figure:
     handles = []
     for (k, bob), panel in zip(panels, rows, strict=True):
         run, (times, mean, quiet, noisy) = runs[k], bands[k]
-        scale, unit = (1e-3, "mrad") if run.unit == "rad" else (run.scale, run.unit)
-        reading, centre = run.readings[:, bob - 1] / scale, mean[:, bob - 1] / scale
-        inner, outer = quiet[:, :, bob - 1] / scale, noisy[:, :, bob - 1] / scale
+        scale, unit = {"rad": (1e-3, "mrad"), "s": (1e-3, "ms")}.get(run.unit, (run.scale, run.unit))
+        ahead, then = (run.times, times) if run.of_impacts else (0.0, 0.0)  # a line through all clicks hides the model
+        reading, centre = (run.readings[:, bob - 1] - ahead) / scale, (mean[:, bob - 1] - then) / scale
+        inner, outer = (quiet[:, :, bob - 1] - then) / scale, (noisy[:, :, bob - 1] - then) / scale
         less = reading - np.interp(run.times, times, centre, left=np.nan, right=np.nan)
         for axes, data, level in zip(panel, (reading, reading, less), (0.0, 0.0, centre), strict=True):
             _shade_held_out(axes, posterior, k)
@@ -172,8 +173,9 @@ def fit_figure(posterior: Posterior, draws: int = 100) -> Figure:
             quiet_grid(axes)
         end = times[-1]
         start = max(end - _CLOSE_UP_PERIODS * posterior.experiment.cradle.period, times[0])
-        panel[0].set(xlim=(run.times[0], run.times[-1]), ylabel=f"{mathtext(f'{_letter(run)}_{bob}')} [{unit}]")
-        panel[0].set_title(f"{escape_mathtext(run.file)}: bob {bob}" if len(runs) > 1 else f"bob {bob}")
+        panel[0].set(xlim=(run.times[0], run.times[-1]), ylabel=f"{_symbol(run, bob)} [{unit}]")
+        what = _what(run, bob)
+        panel[0].set_title(f"{escape_mathtext(run.file)}: {what}" if len(runs) > 1 else what)
         for axes in panel[1:]:
             axes.set_xlim(start, end)
         close = (run.times >= start) & (run.times <= end) & np.isfinite(less)
@@ -189,8 +191,12 @@ def fit_figure(posterior: Posterior, draws: int = 100) -> Figure:
     return figure
 
 
-def _letter(run: Run) -> str:
-    return "θ" if run.quantity == "theta" else "x"
+def _symbol(run: Run, bob: int) -> str:
+    return "t − click" if run.of_impacts else mathtext(f"{'θ' if run.quantity == 'theta' else 'x'}_{bob}")
+
+
+def _what(run: Run, bob: int) -> str:
+    return "clicks" if run.of_impacts else f"bob {bob}"
 
 
 def _simulated_rows(posterior: Posterior, index: int) -> np.ndarray:
@@ -253,7 +259,7 @@ def residual_figure(posterior: Posterior) -> Figure:
         name = f"{escape_mathtext(run.file)}: " if len(runs) > 1 else ""
         parts = ((train[k] & counted, ""), (held[k] & counted, " in the shaded part"))
         values_by_part = ", ".join(f"{format_ratio(rms(values[part]))}{where}" for part, where in parts if part.any())
-        axes.set_title(f"{name}bob {bob}, RMS {values_by_part}")
+        axes.set_title(f"{name}{_what(run, bob)}, RMS {values_by_part}")
         axes.set_ylabel("residual / noise")
         edges, grid = np.linspace(-limit, limit, 33), np.linspace(-limit, limit, 401)
         counts, *_ = side.hist(
@@ -277,6 +283,9 @@ def _residuals(posterior: Posterior, index: int) -> np.ndarray:
     """Readings of a run less the most probable model, over the noise, (T, N); nan in rows that are not simulated."""
     run, rows = posterior.experiment.runs[index], _simulated_rows(posterior, index)
     values = np.full(run.readings.shape, np.nan)
-    predicted, _ = posterior.likelihood.predict(posterior.best(), index, rows)
-    values[rows] = (run.readings[rows] - predicted) / posterior.likelihood.noise_model.scales[index]
+    likelihood, best = posterior.likelihood, posterior.best()
+    noise = likelihood.noise_model.scales[index]
+    if run.of_impacts:  # no estimate from the readings
+        noise = likelihood.sigma_of(likelihood.values(best), index)
+    values[rows] = (run.readings[rows] - likelihood.predict(best, index, rows)[0]) / noise
     return values

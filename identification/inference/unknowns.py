@@ -14,6 +14,7 @@ from cradle_env.errors import unknown_key
 from cradle_env.parameter_name import ALL, ParameterName
 from identification.experiment.experiment import Experiment
 from identification.experiment.run import Prior, Run
+from identification.inference import click_likelihood
 
 #: Physical bounds of fields of Cradle; other fields go from 0 to infinity.
 _BOUNDS = {"delta": (-1.0, math.inf), "poisson_ratio": (-1.0, 0.5), "restitution": (0.0, 1.0)}
@@ -24,6 +25,17 @@ SEARCH_WIDTHS = {"k_f": 0.25, "kappa": 0.15, "b": 0.5}
 #: Start value of the tension of strings over that of new strings. It falls from 1 to 1/2 within seconds to a minute of
 #: swinging, and stays there.
 WORN_TENSION_RATIO = 0.6
+
+#: Unknowns of a run of impacts, beside its noise: instant of the release in the recording [s], part of the contact's
+#: duration by which a click follows the touch, probability that a click is missed, false clicks a second.
+RELEASE_TIME, CLICK_LAG, MISSED, FALSE_RATE = "release_time", "click_lag", "missed", "false_rate"
+#: A click is made between the touch and the end of the contact; searched from the middle, over all of it.
+_LAG, _LAG_BOUNDS, _LAG_SEARCH = 0.5, (0.0, 1.0), 0.5
+#: How far the release may be off where the pattern of clicks has it, in half swings, and how far it is searched.
+_RELEASE_OFF, _RELEASE_SEARCH = 0.2, 0.02
+#: Where these two are searched from, their bounds, and the width of what clicks of a minute tell, in the logarithm.
+_MISSED, _MISSED_BOUNDS = 0.05, (1e-3, 0.98)
+_FALSE_RATE, _FALSE_RATE_BOUNDS, _RARE_WIDTH = 0.05, (1e-3, 20.0), 0.7
 
 
 @dataclass(frozen=True)
@@ -48,6 +60,8 @@ class Unknown:
         Half width of the global search, in the sampled coordinate; 0 if the unknown is not searched.
     nuisance : bool
         Whether it belongs to the measurement and not to the cradle.
+    width : float
+        Standard deviation of the sampled coordinate from which sampling starts; nan if least squares gives it.
 
     Examples
     --------
@@ -67,6 +81,7 @@ class Unknown:
     log: bool = False
     search: float = 0.0
     nuisance: bool = False
+    width: float = math.nan
 
     def coordinate(self, value: float) -> float:
         """Convert a value to the sampled coordinate."""
@@ -190,6 +205,14 @@ def run_unknowns(experiment: Experiment, index: int, noise: float) -> list[Unkno
     def add(quantity: str, unit: str, symbol: str, start: float, bob: int | None = None, **fields) -> None:
         unknowns.append(Unknown(name_in_run(quantity, index, bob), unit, symbol, start, nuisance=True, **fields))
 
+    if run.of_impacts:
+        half = 0.5 * cradle.period
+        start, off = click_likelihood.release_instant(cradle, run), _RELEASE_OFF * half
+        add(RELEASE_TIME, "s", "t_0", start, low=start - off, high=start + off, search=_RELEASE_SEARCH * half)
+        add(CLICK_LAG, "1", "s_c", _LAG, low=_LAG_BOUNDS[0], high=_LAG_BOUNDS[1], search=_LAG_SEARCH)
+        rare = {"log": True, "width": _RARE_WIDTH}
+        add(MISSED, "1", "m", _MISSED, low=_MISSED_BOUNDS[0], high=_MISSED_BOUNDS[1], **rare)
+        add(FALSE_RATE, "1/s", "ρ", _FALSE_RATE, low=_FALSE_RATE_BOUNDS[0], high=_FALSE_RATE_BOUNDS[1], **rare)
     if run.state == "release":
         assert run.release is not None
         if run.release.angle_sd > 0.0:
@@ -217,8 +240,7 @@ def run_unknowns(experiment: Experiment, index: int, noise: float) -> list[Unkno
         for bob in run.bobs_seen:
             add("rest", unit, f"x_{bob}", 0.0, bob, mean=0.0, sd=width)
     if run.noise is None:
-        unit = "rad" if run.quantity == "theta" else "m"
-        add("noise", unit, "σ_n", noise, low=1e-3 * noise, high=1e4 * noise, log=True)
+        add("noise", run.si_unit, "σ_n", noise, low=1e-3 * noise, high=1e4 * noise, log=True)
     return unknowns
 
 

@@ -114,6 +114,8 @@ def _meaning(text: str) -> str:
 
 def _rms_rows(posterior: Posterior) -> list[tuple[str, str, str, str]]:
     """(where, bob, RMS in mrad, RMS in mm) of the residuals of the fit that measures the gap."""
+    if posterior.experiment.runs[0].of_impacts:  # neither an angle nor a distance
+        return []
     length = posterior.experiment.cradle.length
     per_radian = 1.0 if posterior.experiment.runs[0].quantity == "theta" else 1.0 / length
     rows = []

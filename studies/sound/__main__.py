@@ -1,9 +1,9 @@
 """Make sound of simulated cradles, find its clicks, and count what is wrong.
 
-    python -m studies.sound [--recordings 48]
+    python -m studies.sound [--recordings 48] [--calibrations 12]
 
-What was found is kept in studies/sound/clicks.jsonl, a line for each recording; the same command goes on from there.
-results.md is made of all that is kept.
+What was found is kept in studies/sound/clicks.jsonl and calibrations.jsonl, a line for each recording; the same command
+goes on from there. results.md is made of all that is kept.
 """
 
 from __future__ import annotations
@@ -17,17 +17,13 @@ from typing import Any
 
 from cradle_env import __version__
 from identification.apparatus import measure_sound
+from studies.kept_rows import read_rows
 from studies.sound import page
+from studies.sound.compare import compare
 from studies.sound.judge import judge
 from studies.sound.made import draw, write
 
 HERE = Path(__file__).parent
-
-
-def kept(name: str) -> list[dict[str, Any]]:
-    """The rows of a file so far."""
-    path = HERE / name
-    return [json.loads(line) for line in path.read_text(encoding="utf-8").splitlines()] if path.exists() else []
 
 
 def keep(name: str, row: dict[str, Any]) -> None:
@@ -38,7 +34,9 @@ def keep(name: str, row: dict[str, Any]) -> None:
 
 def results() -> str:
     """The content of results.md."""
-    return "\n".join(page.clicks(kept("clicks.jsonl")))
+    return "\n".join(
+        [*page.clicks(read_rows(HERE / "clicks.jsonl")), *page.calibrations(read_rows(HERE / "calibrations.jsonl"))]
+    )
 
 
 def listen(number: int) -> dict[str, Any]:
@@ -52,17 +50,25 @@ def listen(number: int) -> dict[str, Any]:
 
 
 def main() -> int:
-    """Measures the recordings that are not kept yet, and writes the page."""
+    """Measures and calibrates what is not kept yet, and writes the page."""
     parser = argparse.ArgumentParser(
         prog="python -m studies.sound", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--recordings", type=int, default=48, help="how many; 0: results.md alone")
+    parser.add_argument(
+        "--calibrations", type=int, default=12, help="how many runs to calibrate by sound and by angles"
+    )
     asked = parser.parse_args()
-    done = {row["recording"] for row in kept("clicks.jsonl")}
+    done = {row["recording"] for row in read_rows(HERE / "clicks.jsonl")}
     for number in range(asked.recordings):
         if number not in done:
             keep("clicks.jsonl", listen(number))
             print(f"recording {number}", file=sys.stderr, flush=True)
+    done = {row["run"] for row in read_rows(HERE / "calibrations.jsonl")}
+    for number in range(asked.calibrations):
+        if number not in done:
+            keep("calibrations.jsonl", {"run": number, "version": __version__, **compare(number)})
+            print(f"calibration {number}", file=sys.stderr, flush=True)
     (HERE / "results.md").write_text(results(), encoding="utf-8")
     return 0
 

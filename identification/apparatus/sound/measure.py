@@ -19,6 +19,7 @@ from identification.experiment.click_groups import DEAD_TIME
 from identification.number_format import format_number
 from identification.progress import Progress
 from identification.storage.files import ExperimentError
+from identification.storage.stamps import sha256_of
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -158,7 +159,7 @@ def measure_sound(recording: str | Path, *, progress: Progress = lambda *_: None
         values,
         _findings(clicks, duration, chosen.half_swing, missing),
         _warnings(clicks, chosen.half_swing, missing),
-        sound.digest(),
+        sha256_of(sound.path),
         0,
         clicks,
         sound.rate,
@@ -227,5 +228,5 @@ def _warnings(clicks: Clicks, half_swing: float, missing: int) -> tuple[str, ...
     if doubtful > _DOUBTFUL * count:
         warnings.append(f"{doubtful} of {count} clicks are doubtful: they are not where the sequence has one.")
     if missing > _MISSING * (count - doubtful + missing):
-        warnings.append(f"{missing} half swings have no click: the recording is too soft, or too loud beside it.")
+        warnings.append(f"{missing} half swings have no click: the clicks are too soft, or other sounds too loud.")
     return tuple(warnings)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,8 +13,6 @@ from identification.storage.files import ExperimentError
 
 #: Samples in a block.
 _BLOCK = 1 << 18
-#: Bytes that are hashed at a time.
-_BYTES = 1 << 20
 #: Lowest sampling rate [1/s]: below, little of a click is left between 1.5 kHz and half the rate.
 _LEAST_RATE = 8000
 
@@ -70,11 +67,3 @@ class Sound:
                     yield mono
         except soundfile.LibsndfileError as problem:
             raise ExperimentError(f"{self.path}: is damaged ({problem.error_string}); export it again") from None
-
-    def digest(self) -> str:
-        """SHA-256 of the file."""
-        found = hashlib.sha256()
-        with self.path.open("rb") as file:
-            while data := file.read(_BYTES):
-                found.update(data)
-        return found.hexdigest()

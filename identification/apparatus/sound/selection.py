@@ -51,7 +51,7 @@ def select(scores: Scores) -> Selection:
         chain[_sequence(scores, np.flatnonzero(able), half_swing)] = True
     kept = _without_echoes(scores, loud | chain, chain)
     places = np.array(
-        [first_of_group(scores.instants, scores.sizes, k, loud | chain) for k in np.flatnonzero(kept)], int
+        [first_of_group(scores.instants, scores.sizes, int(k), loud | chain) for k in np.flatnonzero(kept)], int
     )
     regular = chain[kept]
     places, order = np.unique(places, return_index=True)
@@ -59,7 +59,7 @@ def select(scores: Scores) -> Selection:
 
 
 def _without_echoes(scores: Scores, able: np.ndarray, certain: np.ndarray) -> np.ndarray:
-    """Which of the able candidates (K,) are neither echoes nor in a dead time; the certain ones first, then the loudest."""
+    """Which of the able candidates (K,) are neither echoes nor in a dead time; certain ones first, then the loudest."""
     rank = np.lexsort((-scores.sizes, ~certain))
     return without_echoes(scores.instants, scores.sizes, rank[able[rank]])
 

@@ -37,9 +37,9 @@ _LEAST_SD = 20e-6
 class Scores:
     """How each candidate fits the shape, (K,).
 
-    instants [s] and their standard deviations; sizes: amplitudes in the whitened sound; snr: these over noise; likeness: of its power
-    above the background, the part that has the shape, 0 to 1; amplitudes in full scales, and their standard
-    deviations.
+    instants [s] and their standard deviations; sizes: amplitudes in the whitened sound; snr: these over noise;
+    likeness: of its power above the background, the part that has the shape, 0 to 1; amplitudes in full scales, and
+    their standard deviations.
     """
 
     instants: np.ndarray

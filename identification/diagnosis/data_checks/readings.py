@@ -29,6 +29,8 @@ def check_readings(experiment: Experiment, criteria: Criteria = DEFAULT_CRITERIA
     """Warnings about the readings, one line each. Raises ValueError for runs that cannot be diagnosed."""
     warnings: list[str] = []
     for run in experiment.runs:
+        if run.of_impacts:
+            raise ValueError(f"{run.file}: instants of clicks; a diagnosis needs angles or displacements")
         cradle = experiment.cradle_of(run)
         check_unit(run, cradle)
         warnings += _warn_of_missing_readings(run, cradle)

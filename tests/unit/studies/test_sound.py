@@ -1,12 +1,14 @@
 """The study of sound: its page is of what is kept, and its judge tells late clicks from missed ones."""
 
-from studies.sound.__main__ import HERE, kept, results
+from studies.kept_rows import read_rows
+from studies.sound.__main__ import HERE, results
 from studies.sound.made import draw
 
 
 def test_the_page_is_of_what_is_kept():
     assert (HERE / "results.md").read_text(encoding="utf-8") == results()
-    assert len({row["recording"] for row in kept("clicks.jsonl")}) == len(kept("clicks.jsonl"))
+    kept = read_rows(HERE / "clicks.jsonl")
+    assert len({row["recording"] for row in kept}) == len(kept)
 
 
 def test_a_recording_is_drawn_by_its_number():
