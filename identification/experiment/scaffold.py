@@ -93,10 +93,11 @@ def scaffold(
         raise ExperimentError(f"{path}: exists already; name another file, or have it replaced (--overwrite)")
     if table is None:
         assert clicks is not None
-        report(f"{len(clicks.times)} clicks, as `cradle measure sound` writes them")
-        same = _check_target(path.parent / data_csv.name, clicks.data, overwrite)
-        text = click_scaffold_text(clicks, data_csv.name)
-        write_together(path.parent, {**({} if same else {data_csv.name: clicks.data}), path.name: text})
+        recording, noise = clicks
+        report(f"{len(recording.times)} clicks, as `cradle measure sound` writes them")
+        same = _check_target(path.parent / data_csv.name, recording.data, overwrite)
+        text = click_scaffold_text(recording, noise, data_csv.name)
+        write_together(path.parent, {**({} if same else {data_csv.name: recording.data}), path.name: text})
         return path
     if np.isnan(table.recording.readings).all():
         raise ExperimentError(f"{data_csv}: holds no reading at all; each row needs a value or more")

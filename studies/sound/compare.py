@@ -52,8 +52,9 @@ def compare(number: int) -> dict[str, Any]:
     readings = np.full((len(clicks.instants), 2), np.nan)
     readings[:, 0] = clicks.instants
     by_sound = Experiment.from_arrays(
-        start, clicks.instants, readings, ReleaseInfo(release), quantity="impacts", unit="s"
-    )
+        start, clicks.instants, readings, ReleaseInfo(release), quantity="impacts", unit="s",
+        noise=float(np.median(clicks.instants_sd)),
+    )  # fmt: skip
     every = slice(None, None, round(240.0 / _ANGLES))
     theta = run.theta[every] + _NOISE * rng.standard_normal(run.theta[every].shape)
     by_angles = Experiment.from_arrays(start, run.t[every], theta, ReleaseInfo(release), noise=_NOISE)

@@ -44,13 +44,11 @@ def sound_figure(measured: SoundMeasurement) -> NotebookFigure:
 
 
 def _intervals(axes: Axes, measured: SoundMeasurement) -> None:
-    from identification.apparatus.sound.measure import half_swings
-
     axes.set(xlabel="time [s]", ylabel="time from click to click − median [ms]", title="Intervals")
     if np.isnan(measured.half_swing) or (~measured.clicks.doubtful).sum() < 2:
         axes.text(0.5, 0.5, "no regular sequence", transform=axes.transAxes, ha="center", color=GREY)
         return
-    numbers, instants = half_swings(measured.clicks, measured.half_swing)
+    numbers, instants = measured.clicks.sequence(measured.half_swing)
     apart = np.diff(instants) / np.diff(numbers)
     spread = measured.clicks.instants_sd[~measured.clicks.doubtful]
     errors = np.hypot(spread[1:], spread[:-1]) / np.diff(numbers)

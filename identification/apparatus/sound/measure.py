@@ -51,6 +51,12 @@ class Clicks:
     likeness: np.ndarray
     doubtful: np.ndarray
 
+    def sequence(self, half_swing: float) -> tuple[np.ndarray, np.ndarray]:
+        """(number, instant [s]) of each click of the regular sequence, numbers in half swings [s] from its first."""
+        instants = self.instants[~self.doubtful]
+        steps = np.round(np.diff(instants) / half_swing)
+        return np.concatenate([[0.0], np.cumsum(steps)]), instants
+
     def text(self) -> str:
         """As clicks.csv has them."""
         head = "t [s],t_sd [s],amplitude,amplitude_sd,snr,likeness,doubtful"
@@ -138,7 +144,7 @@ def measure_sound(recording: str | Path, *, progress: Progress = lambda *_: None
         nonlocal samples
         for block in sound.blocks():
             samples += len(block)
-            part = samples / sound.count if sound.count else None
+            part = samples / sound.count if sound.count else 0.0
             progress("listen", part, f"{samples / sound.rate:.0f} s")
             yield block
 
@@ -150,9 +156,17 @@ def measure_sound(recording: str | Path, *, progress: Progress = lambda *_: None
     chosen = select(scores)
     if not len(chosen.which):
         raise ExperimentError(f"{recording}: no sound rises clearly above the background; record nearer to the cradle")
-    found = (scores.instants, scores.instants_sd, scores.amplitudes, scores.amplitudes_sd, scores.snr, scores.likeness)
     has_sequence = not np.isnan(chosen.half_swing)
-    clicks = Clicks(*(column[chosen.which] for column in found), ~chosen.regular & has_sequence)
+    which = chosen.which
+    clicks = Clicks(
+        scores.instants[which],
+        scores.instants_sd[which],
+        scores.amplitudes[which],
+        scores.amplitudes_sd[which],
+        scores.snr[which],
+        scores.likeness[which],
+        ~chosen.regular & has_sequence,
+    )
     duration = samples / sound.rate
     values, missing = _values(clicks, chosen.half_swing) if has_sequence else ({}, 0)
     return SoundMeasurement(
@@ -170,16 +184,9 @@ def measure_sound(recording: str | Path, *, progress: Progress = lambda *_: None
     )
 
 
-def half_swings(clicks: Clicks, half_swing: float) -> tuple[np.ndarray, np.ndarray]:
-    """(number, instant [s]) of each click of the regular sequence, numbers in half swings from its first."""
-    instants = clicks.instants[~clicks.doubtful]
-    steps = np.round(np.diff(instants) / half_swing)
-    return np.concatenate([[0.0], np.cumsum(steps)]), instants
-
-
 def _values(clicks: Clicks, half_swing: float) -> tuple[dict[str, Value], int]:
     """What the regular sequence says, and how many of its half swings have no click."""
-    numbers, instants = half_swings(clicks, half_swing)
+    numbers, instants = clicks.sequence(half_swing)
     missing = int(numbers[-1]) + 1 - len(numbers)
     if len(numbers) < _FEWEST:
         return {}, missing
