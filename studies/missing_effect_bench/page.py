@@ -1,0 +1,74 @@
+"""results.md: the tables of all entrants of this project on the public set, and every case."""
+
+from __future__ import annotations
+
+import statistics
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from studies.missing_effect_bench.candidates import NOTHING, Names
+from studies.missing_effect_bench.entrants import BLIND, answer_case
+from studies.missing_effect_bench.scoring import Judged, Truth, judge, table
+
+ROWS, PAGE = (Path(__file__).parent / name for name in ("results.jsonl", "results.md"))
+
+HEAD = """# The Missing-Effect Bench: results
+
+Made by `python -m studies.missing_effect_bench results DIR` from results.jsonl and public_set.jsonl.
+[README.md](README.md) defines the lines of the tables. Parentheses hold 95 % Wilson intervals.
+
+- `nothing` always says that nothing is missing. `prior` knows how often each kind of case comes, and looks at no data.
+- `regression` fits the model as stated and regresses its residuals on what each candidate would change.
+- `diagnose` is `cradle diagnose`.
+"""
+
+
+def page(rows: Sequence[dict[str, Any]], truths: Sequence[Truth]) -> str:
+    """The page of these rows."""
+    by_case = {truth["case"]: truth for truth in truths}
+    cases = list(dict.fromkeys(row["case"] for row in rows))
+    judged = {
+        entrant: {name: judge(answer_case(entrant, Path(name), by_case[name]["bobs"]), by_case[name]) for name in cases}
+        for entrant in BLIND
+    }
+    seconds: dict[str, list[float]] = {}
+    for row in rows:
+        judged.setdefault(row["entrant"], {})[row["case"]] = judge(row["answer"], by_case[row["case"]])
+        seconds.setdefault(row["entrant"], []).append(row["seconds"])
+    took = [f"`{name}` {statistics.median(some):.0f} s, {max(some):.0f} s" for name, some in seconds.items()]
+    versions = ", ".join(sorted({row["version"] for row in rows}))
+    lines = [
+        HEAD, f"{len(cases)} cases, version {versions}.", "",
+        table({name: list(some.values()) for name, some in judged.items()}),
+        f"Seconds of one core for a case, median and largest: {'; '.join(took)}.", "",
+        "## Every case", "",
+        "Δχ² is that of the best wrong model over the right one, on noiseless data. The most probable answer of each",
+        "entrant follows, with its probability. Asterisks mark a wrong one.", "",
+        "| case | hidden | N | Δχ² | " + " | ".join(seconds) + " |", "|---" * (4 + len(seconds)) + "|",
+    ]  # fmt: skip
+    for name in cases:
+        cells = [_cell(judged[entrant].get(name)) for entrant in seconds]
+        lines.append("| " + " | ".join([name, *_facts(by_case[name]), *cells]) + " |")
+    return "\n".join([*lines, ""])
+
+
+def _facts(truth: Truth) -> list[str]:
+    """What is hidden, N and Δχ²."""
+    names = " + ".join(truth["made_by"]) or "nothing"
+    return [
+        f"{names} (unknown)" if truth["kind"] == "unknown" else names,
+        str(truth["bobs"]),
+        f"{truth['delta_chi2']:.0f}",
+    ]
+
+
+def _cell(judged: Judged | None) -> str:
+    if judged is None:
+        return "–"
+    mark = "" if judged.right else "**"
+    return f"{mark}{'a tie' if judged.top is None else _words(judged.top)}{mark}, {judged.probability:.2f}"
+
+
+def _words(names: Names) -> str:
+    return "nothing" if names == NOTHING else " + ".join(sorted(names))
