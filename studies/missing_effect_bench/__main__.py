@@ -25,7 +25,7 @@ from cradle_env import __version__
 from identification.storage.files import write_file, write_json
 from studies.kept_rows import read_rows
 from studies.missing_effect_bench.cases import PUBLIC_CASES, PUBLIC_SEED, public_truths, write
-from studies.missing_effect_bench.entrants import BLIND, ENTRANTS, answer_case
+from studies.missing_effect_bench.entrants import BLIND, ENTRANTS, answer_case, judge_blind
 from studies.missing_effect_bench.page import PAGE, ROWS, page
 from studies.missing_effect_bench.scoring import judge, read_answers, table
 
@@ -73,12 +73,12 @@ def _run(asked: argparse.Namespace) -> None:
 
 
 def score(answers: Path, folder: Path) -> str:
-    """The table of the answers in a folder to the task in another."""
+    """The table of the answers in a folder to the task in another, beside entrants that look at no data."""
     truths = [json.loads(path.read_text(encoding="utf-8")) for path in sorted((folder / "truth").glob("*.json"))]
     if not truths:
         raise ValueError(f"{folder}: has no truth/*.json; name the folder that `write` wrote")
     judged = [judge(*pair) for pair in zip(read_answers(answers, truths), truths, strict=True)]
-    return table({answers.name: judged})
+    return table({answers.name: judged, **judge_blind(truths)})
 
 
 def let_answer(entrant: str, folder: Path, answers: Path) -> None:

@@ -6,7 +6,7 @@ An entrant is a function from the folder of a case and its number of bobs to the
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +15,7 @@ from identification.diagnosis.workflow import diagnose
 from identification.experiment.experiment import Experiment
 from studies.missing_effect_bench.candidates import COMMON_LENGTH, NOTHING, UNKNOWN, Names, prior
 from studies.missing_effect_bench.regression import regress
-from studies.missing_effect_bench.scoring import Answer, check_answer
+from studies.missing_effect_bench.scoring import Answer, Judged, Truth, check_answer, judge
 
 Probabilities = Mapping[Names, float]
 
@@ -109,3 +109,11 @@ def answer_case(entrant: str, folder: Path, bobs: int) -> Answer:
         ],
     }
     return check_answer(answer, folder.name, entrant)
+
+
+def judge_blind(truths: Sequence[Truth]) -> dict[str, list[Judged]]:
+    """The entrants that look at no data, beside these truths: what any other should surpass."""
+    return {
+        entrant: [judge(answer_case(entrant, Path(truth["case"]), truth["bobs"]), truth) for truth in truths]
+        for entrant in BLIND
+    }

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from studies.missing_effect_bench.candidates import NOTHING, Names
-from studies.missing_effect_bench.entrants import BLIND, answer_case
+from studies.missing_effect_bench.entrants import judge_blind
 from studies.missing_effect_bench.scoring import Judged, Truth, judge, table
 
 ROWS, PAGE = (Path(__file__).parent / name for name in ("results.jsonl", "results.md"))
@@ -28,10 +28,8 @@ def page(rows: Sequence[dict[str, Any]], truths: Sequence[Truth]) -> str:
     """The page of these rows."""
     by_case = {truth["case"]: truth for truth in truths}
     cases = list(dict.fromkeys(row["case"] for row in rows))
-    judged = {
-        entrant: {name: judge(answer_case(entrant, Path(name), by_case[name]["bobs"]), by_case[name]) for name in cases}
-        for entrant in BLIND
-    }
+    blind = judge_blind([by_case[name] for name in cases])
+    judged = {entrant: dict(zip(cases, some, strict=True)) for entrant, some in blind.items()}
     seconds: dict[str, list[float]] = {}
     for row in rows:
         judged.setdefault(row["entrant"], {})[row["case"]] = judge(row["answer"], by_case[row["case"]])
