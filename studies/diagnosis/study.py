@@ -455,19 +455,24 @@ def run(case: Case, folder: Path) -> None:
           f"{row['one of']} {row['seconds']} s  {'' if row['right'] else 'NOT RIGHT'}", flush=True)  # fmt: skip
 
 
+def diagnose_without_advice(path: Path):
+    """The diagnosis of an experiment, without the search for the next one: nothing judges that here."""
+    from identification.diagnosis import workflow
+    from identification.experiment.experiment import Experiment
+
+    with mock.patch.object(workflow, "_advise", lambda *_: None):
+        return workflow.diagnose(Experiment.load(path), seed=0, workers=1)
+
+
 def diagnose_case(path: Path, out: Path, answer: dict) -> dict:
     """The diagnosis of a case; margin: what χ² the best wrong model leaves over that of the right one, both refitted
     to these very data. No advice is asked for, nor a report: nothing judges them here. Its seconds are those of the
     processor: a study shares its machine."""
     from identification.bench import diagnosis as bench
-    from identification.diagnosis import workflow
-    from identification.diagnosis.workflow import diagnose
-    from identification.experiment.experiment import Experiment
     from identification.storage.files import json_text, write_together
 
     began = time.process_time()
-    with mock.patch.object(workflow, "_advise", lambda *_: None):
-        diagnosis = diagnose(Experiment.load(path), seed=0, workers=1)
+    diagnosis = diagnose_without_advice(path)
     content = diagnosis.content()
     row = bench.row(content, answer) | {"seconds": round(time.process_time() - began, 1)}
     write_together(out, {"diagnosis.json": json_text(content)})

@@ -11,8 +11,8 @@ from pathlib import Path
 from typing import Any
 
 from identification.diagnosis.result import Diagnosis
-from identification.diagnosis.workflow import diagnose
 from identification.experiment.experiment import Experiment
+from studies.diagnosis.study import diagnose_without_advice
 from studies.missing_effect_bench.candidates import COMMON_LENGTH, NOTHING, UNKNOWN, Names, prior
 from studies.missing_effect_bench.regression import regress
 from studies.missing_effect_bench.scoring import Answer, Judged, Truth, check_answer, judge
@@ -43,8 +43,7 @@ def answer_regression(folder: Path, bobs: int) -> Probabilities:
 
 def answer_diagnose(folder: Path, bobs: int) -> Probabilities:
     """`cradle diagnose`."""
-    diagnosis = diagnose(Experiment.load(folder / "experiment.toml"), seed=0, workers=1)
-    return read_diagnosis(verdict_content(diagnosis), bobs)
+    return read_diagnosis(verdict_content(diagnose_without_advice(folder / "experiment.toml")), bobs)
 
 
 ENTRANTS: dict[str, Callable[[Path, int], Probabilities]] = {

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import statistics
+from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -27,7 +28,9 @@ Made by `python -m studies.missing_effect_bench results DIR` from results.jsonl 
 def page(rows: Sequence[dict[str, Any]], truths: Sequence[Truth]) -> str:
     """The page of these rows."""
     by_case = {truth["case"]: truth for truth in truths}
-    cases = list(dict.fromkeys(row["case"] for row in rows))
+    entrants = list(dict.fromkeys(row["entrant"] for row in rows))
+    cases = sorted(set.intersection(*({r["case"] for r in rows if r["entrant"] == name} for name in entrants)))
+    rows = [row for row in rows if row["case"] in cases]
     blind = judge_blind([by_case[name] for name in cases])
     judged = {entrant: dict(zip(cases, some, strict=True)) for entrant, some in blind.items()}
     seconds: dict[str, list[float]] = {}
@@ -37,7 +40,7 @@ def page(rows: Sequence[dict[str, Any]], truths: Sequence[Truth]) -> str:
     took = [f"`{name}` {statistics.median(some):.0f} s, {max(some):.0f} s" for name, some in seconds.items()]
     versions = ", ".join(sorted({row["version"] for row in rows}))
     lines = [
-        HEAD, f"{len(cases)} cases, version {versions}.", "",
+        HEAD, f"{len(cases)} of the {len(truths)} cases{_missing(by_case, cases)}. Version {versions}.", "",
         table({name: list(some.values()) for name, some in judged.items()}),
         f"Seconds of one core for a case, median and largest: {'; '.join(took)}.", "",
         "## Every case", "",
@@ -46,7 +49,7 @@ def page(rows: Sequence[dict[str, Any]], truths: Sequence[Truth]) -> str:
         "| case | hidden | N | Δχ² | " + " | ".join(seconds) + " |", "|---" * (4 + len(seconds)) + "|",
     ]  # fmt: skip
     for name in cases:
-        cells = [_cell(judged[entrant].get(name)) for entrant in seconds]
+        cells = [_cell(judged[entrant][name]) for entrant in seconds]
         lines.append("| " + " | ".join([name, *_facts(by_case[name]), *cells]) + " |")
     return "\n".join([*lines, ""])
 
@@ -61,9 +64,13 @@ def _facts(truth: Truth) -> list[str]:
     ]
 
 
-def _cell(judged: Judged | None) -> str:
-    if judged is None:
-        return "–"
+def _missing(by_case: dict[str, Truth], cases: Sequence[str]) -> str:
+    """How many cases of each number of bobs nobody has answered yet."""
+    left = Counter(truth["bobs"] for name, truth in by_case.items() if name not in cases)
+    return "".join(f"; {count} with N = {bobs} are still to be answered" for bobs, count in sorted(left.items()))
+
+
+def _cell(judged: Judged) -> str:
     mark = "" if judged.right else "**"
     return f"{mark}{'a tie' if judged.top is None else _words(judged.top)}{mark}, {judged.probability:.2f}"
 

@@ -105,15 +105,16 @@ def test_a_table_counts_what_it_says():
         judge(answer(unknown=0.96, nothing=0.04), truth("nothing")),
         judge(answer(quadratic_drag=0.7, unknown=0.3), truth("unknown", "unknown")),
         judge(answer(nothing=0.7, unknown=0.3), truth("unknown", "unknown")),
+        judge(answer(nothing=0.1, unknown=0.9), truth("unknown", "unknown")),
     ]
     found = summarize(several)
-    assert found["right"] == "1 of 4 (5–70 %)"
+    assert found["right"] == "2 of 5 (12–77 %)"
     assert found["nothing: false alarm"].startswith("1 of 2 ")
-    assert found["unknown: wrong name"].startswith("1 of 2 ")
-    assert found["in the 95 % credible set"].startswith("3 of 4 ")
-    assert found["answers in that set, median"] == "1.5"
+    assert found["unknown: wrong name"].startswith("1 of 3 ")
+    assert found["in the 95 % credible set"].startswith("4 of 5 ")
+    assert found["answers in that set, median"] == "2"
     assert found["right, pair"] == "–"
-    assert [cell[:6] for cell in reliability(several).values()] == ["–", "0 of 2", "–", "0 of 1", "1 of 1"]
+    assert [cell[:6] for cell in reliability(several).values()] == ["–", "0 of 2", "1 of 1", "0 of 1", "1 of 1"]
 
 
 @pytest.mark.parametrize(
@@ -243,10 +244,10 @@ def pendulum(effects, seed=1):
 
 
 def test_regression_finds_what_is_plain_and_nothing_where_nothing_is():
-    drag = regress(pendulum({"quadratic_drag": {"c2": 1e-2}}), prior(1))
+    drag = regress(pendulum({"quadratic_drag": {"c2": 4e-2}}), prior(1))
     assert max(drag, key=drag.__getitem__) == {"quadratic_drag"}
     none = regress(pendulum({}), prior(1))
-    assert max(none, key=none.__getitem__) == NOTHING
+    assert none[NOTHING] > 0.6
     assert sum(drag.values()) == pytest.approx(1.0) == sum(none.values())
 
 
