@@ -16,6 +16,7 @@ import argparse
 import json
 import sys
 import time
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -91,21 +92,26 @@ def let_answer(entrant: str, folder: Path, answers: Path) -> None:
 
 
 def keep_results(folder: Path) -> None:
-    """Adds a row for each answer to the public set that is not kept yet, and writes the page."""
+    """Adds a row for each answer to the public set that is not kept yet, and writes the page, also when interrupted."""
     write(folder, PUBLIC_SEED, PUBLIC_CASES)
     done = {(row["case"], row["entrant"]) for row in read_rows(ROWS)}
-    for truth in sorted(public_truths(), key=lambda truth: truth["bobs"]):  # three bobs take minutes
-        for entrant in ENTRANTS:
-            if entrant in BLIND or (truth["case"], entrant) in done:
-                continue
-            began = time.process_time()
-            answer = answer_case(entrant, folder / "cases" / truth["case"], truth["bobs"])
-            row: dict[str, Any] = {"case": truth["case"], "entrant": entrant, "version": __version__}
-            row |= {"seconds": round(time.process_time() - began, 1), "answer": answer}
-            with ROWS.open("a", encoding="utf-8") as file:
-                file.write(json.dumps(row) + "\n")
-            print(f"{truth['case']} {entrant} {row['seconds']} s", file=sys.stderr, flush=True)
-    write_file(PAGE, page(read_rows(ROWS), public_truths()))
+    asked = [(truth, entrant) for truth in public_truths() for entrant in ENTRANTS if entrant not in BLIND]
+    left = [(truth, entrant) for truth, entrant in asked if (truth["case"], entrant) not in done]
+    try:
+        for truth, entrant in sorted(left, key=lambda pair: pair[0]["bobs"]):  # three bobs take minutes
+            _keep_row(folder, truth, entrant)
+    finally:
+        write_file(PAGE, page(read_rows(ROWS), public_truths()))
+
+
+def _keep_row(folder: Path, truth: Mapping[str, Any], entrant: str) -> None:
+    began = time.process_time()
+    answer = answer_case(entrant, folder / "cases" / truth["case"], truth["bobs"])
+    row: dict[str, Any] = {"case": truth["case"], "entrant": entrant, "version": __version__}
+    row |= {"seconds": round(time.process_time() - began, 1), "answer": answer}
+    with ROWS.open("a", encoding="utf-8") as file:
+        file.write(json.dumps(row) + "\n")
+    print(f"{truth['case']} {entrant} {row['seconds']} s", file=sys.stderr, flush=True)
 
 
 if __name__ == "__main__":

@@ -19,8 +19,8 @@ from studies.missing_effect_bench.scoring import Answer, Judged, Truth, check_an
 
 Probabilities = Mapping[Names, float]
 
-#: Sets less probable than this are left out of an answer: a hundred of them would hide the others.
-LEAST_PROBABILITY = 1e-3
+#: Sets less probable than this are left out of an answer: a hundred of them have 1 % together.
+LEAST_PROBABILITY = 1e-4
 #: diagnosis.json states no probability for these verdicts. This share of them was right in the held-out cases of
 #: docs/study.jsonl with N ≤ 3 and without variants, with the same weight for each kind of case.
 VERDICT_PROBABILITY = {"nothing_missing": 0.82, "unknown": 0.94}

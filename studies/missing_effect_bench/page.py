@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from studies.missing_effect_bench.candidates import NOTHING, Names
+from studies.missing_effect_bench.candidates import EQUIVALENTS, Names, merge
 from studies.missing_effect_bench.entrants import judge_blind
 from studies.missing_effect_bench.scoring import Judged, Truth, judge, table
 
@@ -29,7 +29,8 @@ def page(rows: Sequence[dict[str, Any]], truths: Sequence[Truth]) -> str:
     """The page of these rows."""
     by_case = {truth["case"]: truth for truth in truths}
     entrants = list(dict.fromkeys(row["entrant"] for row in rows))
-    cases = sorted(set.intersection(*({r["case"] for r in rows if r["entrant"] == name} for name in entrants)))
+    answered = {(row["case"], row["entrant"]) for row in rows}
+    cases = [name for name in sorted(by_case) if all((name, entrant) in answered for entrant in entrants)]
     rows = [row for row in rows if row["case"] in cases]
     blind = judge_blind([by_case[name] for name in cases])
     judged = {entrant: dict(zip(cases, some, strict=True)) for entrant, some in blind.items()}
@@ -76,4 +77,4 @@ def _cell(judged: Judged) -> str:
 
 
 def _words(names: Names) -> str:
-    return "nothing" if names == NOTHING else " + ".join(sorted(names))
+    return " + ".join(sorted("equivalents" if {name} == merge(EQUIVALENTS) else name for name in names)) or "nothing"

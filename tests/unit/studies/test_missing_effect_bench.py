@@ -281,6 +281,7 @@ def test_kept_results_go_on_where_they_stopped(monkeypatch, tmp_path):
     with pytest.raises(KeyboardInterrupt):
         program.keep_results(tmp_path)
     assert len(read_rows(tmp_path / "rows.jsonl")) == 3
+    assert f"1 of the {PUBLIC_CASES} cases" in (tmp_path / "page.md").read_text(encoding="utf-8")  # of both entrants
     program.keep_results(tmp_path)
     rows = read_rows(tmp_path / "rows.jsonl")
     assert len({(row["case"], row["entrant"]) for row in rows}) == len(rows) == 2 * PUBLIC_CASES
