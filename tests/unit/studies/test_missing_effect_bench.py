@@ -243,12 +243,14 @@ def pendulum(effects, seed=1):
     return Experiment(described, (run,))
 
 
-def test_regression_finds_what_is_plain_and_nothing_where_nothing_is():
-    drag = regress(pendulum({"quadratic_drag": {"c2": 4e-2}}), prior(1))
-    assert max(drag, key=drag.__getitem__) == {"quadratic_drag"}
-    none = regress(pendulum({}), prior(1))
-    assert none[NOTHING] > 0.6
-    assert sum(drag.values()) == pytest.approx(1.0) == sum(none.values())
+def test_regression_finds_what_is_plain():
+    found = regress(pendulum({"quadratic_drag": {"c2": 4e-2}}), prior(1))
+    assert max(found, key=found.__getitem__) == {"quadratic_drag"}
+    assert sum(found.values()) == pytest.approx(1.0)
+
+
+def test_regression_finds_nothing_where_nothing_is():
+    assert regress(pendulum({}), prior(1))[NOTHING] > 0.6  # without the criterion, more unknowns always fit better
 
 
 def test_a_peak_of_noise_is_as_rare_as_is_said():
