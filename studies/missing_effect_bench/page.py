@@ -68,7 +68,7 @@ def _facts(truth: Truth) -> list[str]:
 def _missing(by_case: dict[str, Truth], cases: Sequence[str]) -> str:
     """How many cases of each number of bobs nobody has answered yet."""
     left = Counter(truth["bobs"] for name, truth in by_case.items() if name not in cases)
-    return "".join(f"; {count} with N = {bobs} are still to be answered" for bobs, count in sorted(left.items()))
+    return "".join(f"; not answered: {count} with N = {bobs}" for bobs, count in sorted(left.items()))
 
 
 def _cell(judged: Judged) -> str:

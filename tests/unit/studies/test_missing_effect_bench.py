@@ -243,6 +243,7 @@ def pendulum(effects, seed=1):
     return Experiment(described, (run,))
 
 
+@pytest.mark.slow  # ten fits
 def test_regression_finds_what_is_plain():
     found = regress(pendulum({"quadratic_drag": {"c2": 4e-2}}), prior(1))
     assert max(found, key=found.__getitem__) == {"quadratic_drag"}
