@@ -17,18 +17,18 @@ from cradle_env import Cradle, Release, simulate
 
 #: Simulated seconds of the whole of a workload: a billion instructions. The count of a process differs from run to run
 #: by 15 million.
-_SECONDS = {2: 2000.0, 5: 400.0}
+SECONDS = {2: 2000.0, 5: 400.0}
 #: Control steps of the environment.
 _STEPS = 20_000
 
 
 def _run(bobs: int, part: float, rate: float = 1.0, **options) -> None:
-    duration = max(part * _SECONDS[bobs], 2.0)
+    duration = max(part * SECONDS[bobs], 2.0)
     simulate(Cradle(bobs=bobs), Release(angle=0.228), duration=duration, sample_rate=rate, ledger=False, **options)
 
 
 def _ledger(part: float) -> None:
-    simulate(Cradle(bobs=5), Release(angle=0.228), duration=max(part * _SECONDS[5], 2.0), sample_rate=1.0, ledger=True)
+    simulate(Cradle(bobs=5), Release(angle=0.228), duration=max(part * SECONDS[5], 2.0), sample_rate=1.0, ledger=True)
 
 
 def _derivatives(part: float) -> None:
