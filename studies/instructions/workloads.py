@@ -41,7 +41,7 @@ def _environment(part: float) -> None:
     for k in range(max(int(part * _STEPS), 2)):
         if over:
             env.reset(seed=0)
-        *_, terminated, truncated, _ = env.step(np.full(env.action_space.shape, 0.5 * np.sin(0.3 * k), np.float32))
+        *_, terminated, truncated, _ = env.step(np.full(2, 0.5 * np.sin(0.3 * k), np.float32))
         over = terminated or truncated
 
 
