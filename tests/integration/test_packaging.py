@@ -64,7 +64,7 @@ def test_importing_the_environment_takes_little_longer_than_gymnasium():
 def test_every_imported_package_is_declared(package):
     """A library that only another one brings along may be gone with its next release."""
     extras = PROJECT["optional-dependencies"]
-    optional = ("render", "video", "cluster", "parquet", "examples")
+    optional = ("render", "video", "cluster", "parquet", "examples", "audio", "jax")
     shipped = PROJECT["dependencies"] + [requirement for name in optional for requirement in extras[name]]
     declared = {re.match(r"[\w-]+", requirement).group() for requirement in shipped}
     home = {
