@@ -101,12 +101,18 @@ class _Tracker:
         ago = np.where(fresh, time - self.seen_at, 0.0)
         expected = np.where(fresh[:, None], self.last + self.speed * ago[:, None], self.rest)
         reach = np.where(fresh, 1.0 + 2.0 * np.linalg.norm(self.speed, axis=1) * ago / self.radius, 6.0) * self.radius
-        chosen = assign(discs, expected, reach, self.radius)
-        places = np.full_like(self.rest, np.nan)
-        places[chosen >= 0] = discs.places[chosen[chosen >= 0]]
-        moved = np.where(np.isfinite(places) & fresh[:, None], places - self.last, 0.0)
-        exact = centres(picture, places, self.radius, self.sign, _OPEN * moved)
-        got = np.isfinite(exact.places[:, 0])
+        while True:
+            chosen = assign(discs, expected, reach, self.radius)
+            places = np.full_like(self.rest, np.nan)
+            places[chosen >= 0] = discs.places[chosen[chosen >= 0]]
+            moved = np.where(np.isfinite(places) & fresh[:, None], places - self.last, 0.0)
+            exact = centres(picture, places, self.radius, self.sign, _OPEN * moved)
+            got = np.isfinite(exact.places[:, 0])
+            without_edge = chosen[(chosen >= 0) & ~got]
+            if not len(without_edge):
+                break
+            # What has no edge is no bob, and must not decide which bobs the others are.
+            discs = Discs(np.delete(discs.places, without_edge, axis=0), np.delete(discs.responses, without_edge))
         steps = time - self.seen_at
         known = got & (steps < 0.1)
         self.speed[known] = (exact.places[known] - self.last[known]) / steps[known, None]
