@@ -72,6 +72,14 @@ def test_the_round_end_of_a_hand_is_no_bob(tmp_path):
     assert not np.isnan(errors[8:]).any() and not np.isnan(errors[:, 1]).any()
 
 
+def test_what_has_no_edge_does_not_say_who_the_others_are(tmp_path):
+    """Bobs 3 and 4 of five are hidden. Something faint beside them is no bob, or the fifth would be the fourth."""
+    case = replace(draw(138, 600)[0], duration=8.6)
+    errors = np.linalg.norm(tracked(tmp_path, case, "film.mp4"), axis=-1)
+    assert np.nanmax(errors) < 0.7  # a bob's diameter is 23 pixels; frames 251 to 257 have that error otherwise
+    assert np.isnan(errors[251:, 3]).all() and np.isfinite(errors[251:, 4]).all()
+
+
 def test_a_reading_is_compared_with_the_same_bob_elsewhere():
     """A dark bob and a bright one, each alike in 40 frames; nothing of them is struck out but what differs."""
     level = np.tile([50.0, 200.0], (40, 1)) + np.where(np.arange(40) % 2, 1.0, -1.0)[:, None]
