@@ -66,7 +66,9 @@ def slips(folder, recording, **entries) -> str:
     return ""
 
 
-@pytest.mark.parametrize("duration, words", [(0.4, "50 or more"), (1.6, "record for longer")])
+@pytest.mark.parametrize(
+    "duration, words", [pytest.param(0.4, "50 or more", marks=pytest.mark.slow), (1.6, "record for longer")]
+)
 def test_too_few_data(tmp_path, capsys, duration, words):
     message = refusal(tmp_path, filmed(duration=duration), capsys)
     assert "too few" in message and words in message

@@ -569,6 +569,7 @@ def test_the_race_is_fair(monkeypatch):
     assert scipy_contact.restitution_curve.cache_info().currsize > 0
 
 
+@pytest.mark.slow
 def test_bench(tmp_path, monkeypatch, capsys):
     from identification.bench import run as bench
 
