@@ -171,6 +171,9 @@ def predict(
 def diagnose(
     experiment: Annotated[Path, typer.Argument(metavar="EXPERIMENT.toml")],
     out: Out,
+    explain: Annotated[
+        bool, typer.Option("--explain", help="Print how it came to this: models visited, evidence and tests.")
+    ] = False,
     seed: Seed = 0,
     workers: Workers = None,
 ) -> None:
@@ -181,7 +184,7 @@ def diagnose(
     from identification.cli import commands
 
     with report_what_is_kept(out, resumable(f"{out / 'fits.json'} holds the fits that were finished")):
-        commands.diagnose(experiment, out, seed, workers)
+        commands.diagnose(experiment, out, explain, seed, workers)
 
 
 @app.command()

@@ -118,8 +118,9 @@ def calibrate(
 
 
 @locks_output
-def diagnose(path: Path, out: Path, seed: int, workers: int | None) -> None:
+def diagnose(path: Path, out: Path, explain: bool, seed: int, workers: int | None) -> None:
     """Diagnose an experiment and write the results."""
+    from identification.diagnosis import selection_path
     from identification.diagnosis.report import check_folder, save, verdict_sentence
     from identification.diagnosis.workflow import diagnose as run
 
@@ -129,6 +130,8 @@ def diagnose(path: Path, out: Path, seed: int, workers: int | None) -> None:
     with TerminalProgress() as progress:
         diagnosis = run(experiment, out=out, seed=seed, workers=workers, progress=progress)
         content = save(diagnosis, out, progress)
+    if explain:
+        print_table(selection_path.COLUMNS, selection_path.path_rows(content["path"]))
     if content["steps"]:
         rows = []
         for step in content["steps"]:

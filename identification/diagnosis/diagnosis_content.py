@@ -10,6 +10,7 @@ from cradle_env.parameter_name import ParameterName
 from identification.diagnosis.learned_law.law_words import describe_law, describe_terms
 from identification.diagnosis.residuals.residual_tests import describe_phase
 from identification.diagnosis.selection.rigid_strings import removed_effects
+from identification.diagnosis.selection_path import path_content
 from identification.diagnosis.stepwise import Step
 from identification.diagnosis.uncertainty.intervals import Interval
 from identification.progress import Progress
@@ -57,6 +58,7 @@ def diagnosis_content(diagnosis: Diagnosis, progress: Progress) -> dict[str, Any
         "unseen": limits,
         "removed": list(repaired.removed),
         "candidates": _candidates_content(diagnosis),
+        "path": path_content(repaired),
         "parameters": {
             name: {"unit": interval.unit, "median": interval.median, "ci95": list(interval.ci95)}
             for name, interval in parameters.items()

@@ -22,7 +22,7 @@ from identification.diagnosis.selection.model_comparison import (
 )
 from identification.diagnosis.selection.search import Searcher
 from identification.diagnosis.selection.start_values import standing_in
-from identification.diagnosis.stepwise import SETTLED, Course, ExaminedModel, Step
+from identification.diagnosis.stepwise import SETTLED, Course, ExaminedModel, Step, Visit
 from identification.inference.fit_result import FitResult
 from identification.inference.impossible_model import ImpossibleModelError
 from identification.progress import Progress
@@ -43,7 +43,7 @@ _RIVAL = 0.3
 class RepairResult:
     """All models examined, the base first; the steps kept; names withdrawn or taken out again; alternatives: sets of
     effects of which each would do as well as the last steps, the chosen ones first, () where there is no doubt; law:
-    what was learned of the remainder, None where there is none or it predicts nothing."""
+    what was learned of the remainder, None where there is none or it predicts nothing; path: all that was done."""
 
     examined: tuple[ExaminedModel, ...]
     decisions: tuple[Decision, ...]
@@ -52,6 +52,7 @@ class RepairResult:
     alternatives: tuple[tuple[Candidate, ...], ...]
     last: ExaminedModel
     law: LearnedLaw | None
+    path: tuple[Visit, ...] = ()
 
 
 def repair(
@@ -63,13 +64,14 @@ def repair(
     progress("locate", 0.0, "where model and data part")
     course = Course(searcher, seed, estimated, progress)
     course.examined.append(course.settle(fitted))
+    course.note("the base model")
     _add(course)
     if course.steps and fails_prediction(course.examined[-1].fitted) and course.anew():
         _add(course)
     withdrawn = _withdraw(course)
     law = _outdoing(course)
     if law is not None:
-        withdrawn += course.back_to(law.before)
+        withdrawn += course.back_to(law.before, "a learned law is more probable than the names")
     last, kept, removed = _without_the_needless(course, course.examined[-1], course.steps)
     alternatives = _exchanges(last, kept, searcher, progress)
     if alternatives:  # what several could do may be done by none
@@ -77,16 +79,21 @@ def repair(
         if more:
             removed, alternatives = [*removed, *more], _exchanges(last, kept, searcher, progress)
     if kept and law is None and fails_prediction(last.fitted):  # by any name: the cause is unknown
-        withdrawn += course.back_to(course.examined[0].fitted)
+        withdrawn += course.back_to(course.examined[0].fitted, "held-out data refute the names")
         last, kept, removed, alternatives = course.examined[0], [], [], ()
+    if alternatives:
+        sets = " | ".join(" + ".join(candidate.label for candidate in several) for several in alternatives)
+        course.note(f"equivalent: {sets}", last)
     law = _law_of(last, law, searcher, progress)
+    path = tuple(course.path)
     if removed:
         kept = _joined(kept, course.examined[0].fitted, last.fitted, searcher)
     names = {step.effect for step in kept}
     gone = tuple(name for name in dict.fromkeys([*course.replaced, *withdrawn, *removed]) if name not in names)
     if removed and not kept:  # what was added only led to a better mode of the base model
-        return RepairResult((last,), (), (), gone, (), last, law)
-    return RepairResult(tuple(course.examined), tuple(course.decisions), tuple(kept), gone, alternatives, last, law)
+        return RepairResult((last,), (), (), gone, (), last, law, path)
+    examined, decisions = tuple(course.examined), tuple(course.decisions)
+    return RepairResult(examined, decisions, tuple(kept), gone, alternatives, last, law, path)
 
 
 def _add(course: Course) -> None:
@@ -118,7 +125,8 @@ def _withdraw(course: Course) -> list[str]:
         bent = after < _BENT * first and sum(_bends(step.effect) for step in course.steps) > 1
         if _explains(examined[-2], examined[-1], course.searcher) and not bent:
             break
-        withdrawn += course.back_to(examined[0 if bent else -2].fitted)
+        why = "together they only bend towards what is missing" if bent else "most of the misfit is left"
+        withdrawn += course.back_to(examined[0 if bent else -2].fitted, why)
     return withdrawn
 
 
@@ -177,6 +185,7 @@ def _without_the_needless(
         fewer = len(last.fitted.point) - len(fit.point)
         if (fit.chi2 - last.fitted.chi2) / inflation < fewer * np.log(effective):
             last = course.examine(fit)
+            course.note(f"{step.effect} removed: the model does without it", last)
             kept.remove(step)
             removed.append(step.effect)
     return last, kept, removed

@@ -70,11 +70,22 @@ class Step:
     decision: Decision | None
 
 
+@dataclass(frozen=True, eq=False)
+class Visit:
+    """One line of the path of a selection: what was done, the model that it led to or was about, and, where candidates
+    were compared, the decision between them."""
+
+    done: str
+    model: ExaminedModel
+    decision: Decision | None = None
+
+
 @dataclass(eq=False)
 class Course:
     """examined: the models, the base first; decisions: one for each model but the last, and that of the last where
     nothing could be chosen; steps: the effects taken; replaced: names of those that gave way to others; seen: the
-    effects, with what they leave unknown, of each model examined; laws: those learned of a model beside a rival."""
+    effects, with what they leave unknown, of each model examined; laws: those learned of a model beside a rival; path:
+    all that was done, in order, also what was taken back."""
 
     searcher: Searcher
     seed: int
@@ -86,12 +97,17 @@ class Course:
     replaced: list[str] = field(default_factory=list)
     seen: set[frozenset[str]] = field(default_factory=set)
     laws: dict[tuple[FitResult, FitResult], LearnedLaw | None] = field(default_factory=dict)
+    path: list[Visit] = field(default_factory=list)
 
     def law_beside(self, fitted: FitResult, rival: FitResult) -> LearnedLaw | None:
         """The law that a model lacks, unless it begins far worse than a rival; learned once."""
         if (fitted, rival) not in self.laws:
             self.laws[fitted, rival] = learn_law(fitted, self.searcher, self.tell, rival)
         return self.laws[fitted, rival]
+
+    def note(self, done: str, model: ExaminedModel | None = None, decision: Decision | None = None) -> None:
+        """Adds a line to the path, about the model examined last unless another is given."""
+        self.path.append(Visit(done, self.examined[-1] if model is None else model, decision))
 
     def examine(self, fitted: FitResult) -> ExaminedModel:
         """A model under scrutiny, as all others of this course are."""
@@ -117,6 +133,7 @@ class Course:
         if not known:
             return False
         decision = hidden(now.fitted, known, now.score_test, self.searcher, self.tell)
+        self.note("compared, for the mode may be wrong", now, decision)
         chosen = decision.chosen
         if chosen is None:
             self.decisions.append(decision)
@@ -125,7 +142,7 @@ class Course:
             return True  # the model may hide less than it seemed
         self._take(decision)
         if self.examined[-1].significant:
-            self.back_to(now.fitted)
+            self.back_to(now.fitted, "more than noise is left")
             self.decisions[-1] = dataclasses.replace(decision, chosen=None, probability=0.0)
             return False
         self._one_for_two()
@@ -139,6 +156,7 @@ class Course:
         decision = decide(now.fitted, now.score_test, self.searcher, self.tell, exhaust, tuple(known))
         if decision.chosen is None and len(self.examined) == 1:
             decision = from_anywhere(now.fitted, decision, now.score_test, self.searcher, self.tell)
+        self.note("compared", now, decision)
         if decision.chosen is None:
             self.decisions.append(decision)
             return False
@@ -155,12 +173,13 @@ class Course:
         was held out; whether there is one."""
         base = self.examined[0]
         decision = that_stands(base.fitted, self.decisions[0], base.score_test, self.searcher, self.tell)
+        self.note("compared alone, for held-out data refute the names", base, decision)
         if decision.chosen is None:
             return False
-        self._replace(decision, self.back_to(base.fitted))
+        self._replace(decision, self.back_to(base.fitted, "one effect predicts better"))
         return True
 
-    def back_to(self, fitted: FitResult) -> list[str]:
+    def back_to(self, fitted: FitResult, why: str) -> list[str]:
         """Takes back the steps beyond a model, with what was examined after it; returns the names."""
         withdrawn = []
         while self.examined[-1].fitted is not fitted:
@@ -168,6 +187,8 @@ class Course:
             while self.steps and self.steps[-1].decision is decision:
                 withdrawn.append(self.steps.pop().effect)
             self.examined.pop()
+        if withdrawn:
+            self.note(f"{', '.join(withdrawn)} taken back: {why}")
         return withdrawn
 
     def _in_a_better_mode(self, which: int, other: FitResult, enough: float) -> bool:
@@ -177,6 +198,7 @@ class Course:
         if was.chi2 - better.chi2 <= enough:
             return False
         self.examined[which] = self.examine(better)
+        self.note("better mode found from another model", self.examined[which])
         for i, step in enumerate(self.steps):
             before, after = (better if fitted is was else fitted for fitted in (step.before, step.after))
             self.steps[i] = dataclasses.replace(step, before=before, after=after)
@@ -191,6 +213,7 @@ class Course:
         self._in_a_better_mode(-2, last, last.chi2_scale)
         before = self.examined[-2]
         decision = again(before.fitted, was, before.score_test, self.searcher, self.tell)
+        self.note("compared again, from the better mode", before, decision)
         if decision.chosen is None:
             return
         if decision.chosen.candidate != was.chosen.candidate:
@@ -213,6 +236,7 @@ class Course:
                 return only_noise(fitted, self.searcher.criteria) and fitted.chi2 < last.chi2 - last.chi2_scale
 
             decision = from_anywhere(before.fitted, was, before.score_test, self.searcher, self.tell, enough)
+            self.note("compared again, from anywhere", before, decision)
             if was.chosen and decision.chosen and decision.chosen.candidate != was.chosen.candidate:
                 self._instead(decision, 1)
 
@@ -226,6 +250,7 @@ class Course:
         self._in_a_better_mode(-3, last, last.chi2_scale)
         before = self.examined[-3]
         decision = beside(before.fitted, before.score_test, last, self.searcher, self.tell)
+        self.note("compared, one effect for the last two", before, decision)
         more = len(last.point) - len(before.fitted.point)
         both = log_evidence(before.fitted.chi2 - last.chi2, more, decision.inflation, decision.effective)
         if (
@@ -239,7 +264,7 @@ class Course:
         before: it would come to the same again."""
         assert decision.chosen is not None
         if _effects(decision.chosen.fitted) not in self.seen:
-            self._replace(decision, self.back_to(self.examined[-1 - count].fitted))
+            self._replace(decision, self.back_to(self.examined[-1 - count].fitted, "another is as good or better"))
 
     def _replace(self, decision: Decision, names: list[str]) -> None:
         """Takes what a decision chose in the place of what the model examined last had beyond it."""
@@ -267,6 +292,7 @@ class Course:
         self.seen.add(_effects(before))
         self.examined.append(self.settle(before))
         self.steps[-1] = dataclasses.replace(self.steps[-1], after=self.examined[-1].fitted)
+        self.note(f"{', '.join(chosen.candidate.effects)} added")
 
 
 def _effects(fitted: FitResult) -> frozenset[str]:

@@ -38,6 +38,7 @@ from identification.diagnosis.selection.candidates import (
 from identification.diagnosis.selection.model_comparison import Decision, decide, judged, refitted, worth_refitting
 from identification.diagnosis.selection.score_test import family_p, score
 from identification.diagnosis.selection.search import FitCache, Searcher, refine_to_mode
+from identification.diagnosis.selection_path import COLUMNS, path_content, path_rows
 from identification.diagnosis.stepwise import Course, Step
 from identification.diagnosis.uncertainty import detection_limits
 from identification.diagnosis.uncertainty import intervals as intervals_module
@@ -89,6 +90,21 @@ def test_nothing_is_missing_where_nothing_is(nothing_found, tmp_path):
     assert content["gap_last"] == content["gap_first"] < 1.1
     (tmp_path / "model.toml").write_text(nothing_found.model_toml(), encoding="utf-8")
     assert read_model(tmp_path / "model.toml") == ("nsp", {})
+
+
+def test_the_path_tells_what_was_compared_and_what_it_came_to(diagnosed):
+    """Every χ² of the path is that of a fit: the chosen gain leads from the base model's to the last one's."""
+    path = path_content(diagnosed.repaired)
+    first, compared, last = path[0], next(entry for entry in path if entry["candidates"]), path[-1]
+    assert first["effects"] == [] and first["chi2"] == diagnosed.base.chi2 and first["p"] < 0.01
+    (chosen,) = (candidate for candidate in compared["candidates"] if candidate["chosen"])
+    assert chosen["effect"] == "quadratic_drag" and chosen["log_evidence"] > 3.0 and chosen["p"] < 0.01
+    assert last["effects"] == ["quadratic_drag"] and last["p"] >= 0.01 and last["chi2"] == diagnosed.last.chi2
+    assert last["chi2"] <= compared["chi2"] - chosen["delta_chi2"] + 1e-6
+    assert last["unknowns"] == first["unknowns"] + chosen["unknowns"]
+    rows = path_rows(path)
+    assert {len(row) for row in rows} == {len(COLUMNS)} and sum(row[0] == "  chosen" for row in rows) == 1
+    assert rows[-1][1] == "base + quadratic_drag"
 
 
 def test_the_hidden_effect_is_named_and_the_gap_closes(diagnosed):
@@ -561,7 +577,7 @@ def test_what_another_effect_requires_is_tried_for_removal_after_that(monkeypatc
     searcher = SimpleNamespace(fit_from_values=lambda model, _: fit(model), fit_from_mode=lambda fitted, _: fitted)
     going = SimpleNamespace(
         examined=[SimpleNamespace(fitted=fit(names))], steps=[SimpleNamespace(effect=name) for name in names],
-        searcher=searcher, examine=lambda fitted: SimpleNamespace(fitted=fitted),
+        searcher=searcher, examine=lambda fitted: SimpleNamespace(fitted=fitted), note=lambda *_: None,
     )  # fmt: skip
     last, kept, removed = repair._without_the_needless(going, going.examined[-1], going.steps)  # type: ignore[arg-type]
     assert last.fitted.names == () and kept == [] and removed == [*reversed(names)]
@@ -702,8 +718,9 @@ def test_too_few_readings_are_refused(tmp_path, capsys):
 
 
 def test_the_command(plain, tmp_path, capsys):
-    assert main(["diagnose", str(plain), "--out", str(tmp_path), "--workers", "1"]) == 0
-    assert capsys.readouterr().out.startswith("nothing_missing: Nothing is missing")
+    assert main(["diagnose", str(plain), "--out", str(tmp_path), "--workers", "1", "--explain"]) == 0
+    printed = capsys.readouterr().out
+    assert "the base model" in printed.partition("nothing_missing: Nothing is missing")[0]
     assert {"diagnosis.json", "model.toml", "report.html", "fits.json"} <= {p.name for p in tmp_path.iterdir()}
 
 
