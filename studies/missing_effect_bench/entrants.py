@@ -1,4 +1,4 @@
-"""The entrants of this project: two that look at no data, `cradle diagnose`, and a regression of residuals.
+"""The entrants of this project: two that look at no data, `cradle diagnose`, a search by evidence, and a regression.
 
 An entrant is a function from the folder of a case and its number of bobs to the probabilities of sets of names.
 """
@@ -14,8 +14,9 @@ from identification.diagnosis.result import Diagnosis
 from identification.experiment.experiment import Experiment
 from studies.diagnosis.study import diagnose_without_advice
 from studies.missing_effect_bench.candidates import COMMON_LENGTH, NOTHING, UNKNOWN, Names, prior
-from studies.missing_effect_bench.regression import regress
+from studies.missing_effect_bench.regression import probability_of_unknown, regress
 from studies.missing_effect_bench.scoring import Answer, Judged, Truth, check_answer, judge
+from studies.selection.verdict import select_effects
 
 Probabilities = Mapping[Names, float]
 
@@ -46,10 +47,27 @@ def answer_diagnose(folder: Path, bobs: int) -> Probabilities:
     return read_diagnosis(verdict_content(diagnose_without_advice(folder / "experiment.toml")), bobs)
 
 
+def answer_evidence(folder: Path, bobs: int) -> Probabilities:
+    """The search of studies/selection over sets of effects, by evidence.
+
+    What its residual scan or its held-out data refute is unknown with the probability that the rival's periodogram has.
+    """
+    selection = select_effects(Experiment.load(folder / "experiment.toml"))
+    weights: dict[Names, float] = {}
+    for labels, odds in selection.compared:
+        alike = [label.removesuffix(", all alike") for label in labels if label.endswith(", all alike")]
+        names = frozenset(_own_name(label.removesuffix(", all alike"), alike, bobs) for label in labels)
+        weights[names] = max(weights.get(names, 0.0), math.exp(odds))
+    unknown = probability_of_unknown(prior(bobs)[UNKNOWN], selection.verdict == "unknown")
+    share = (1.0 - unknown) / math.fsum(weights.values())
+    return {UNKNOWN: unknown, **{names: share * weight for names, weight in weights.items()}}
+
+
 ENTRANTS: dict[str, Callable[[Path, int], Probabilities]] = {
     "nothing": answer_nothing,
     "prior": answer_prior,
     "regression": answer_regression,
+    "evidence": answer_evidence,
     "diagnose": answer_diagnose,
 }
 #: Those that look at no data.

@@ -49,10 +49,15 @@ def regress(experiment: Experiment, prior: Mapping[Names, float]) -> dict[Names,
     best = max(evidence, key=lambda names: evidence[names] + math.log(prior[names]))
     peak = false_alarm_probability(fitted, left_by(fitted, [directions[name] for name in best]))
     weights = {names: prior[names] * math.exp(value - evidence[best]) for names, value in evidence.items()}
-    if_unknown, if_known = (POWER, FALSE_ALARM) if peak < FALSE_ALARM else (1.0 - POWER, 1.0 - FALSE_ALARM)
-    unknown = prior[UNKNOWN] * if_unknown / (prior[UNKNOWN] * if_unknown + (1.0 - prior[UNKNOWN]) * if_known)
+    unknown = probability_of_unknown(prior[UNKNOWN], peak < FALSE_ALARM)
     share = (1.0 - unknown) / math.fsum(weights.values())
     return {UNKNOWN: unknown, **{names: share * weight for names, weight in weights.items()}}
+
+
+def probability_of_unknown(before: float, significant: bool) -> float:
+    """That of a force in no catalogue, `before` the data, after a test at FALSE_ALARM of what the best model leaves."""
+    if_unknown, if_known = (POWER, FALSE_ALARM) if significant else (1.0 - POWER, 1.0 - FALSE_ALARM)
+    return before * if_unknown / (before * if_unknown + (1.0 - before) * if_known)
 
 
 def find_directions(fitted: FitResult) -> dict[str, Direction]:

@@ -22,7 +22,7 @@ FIRST_PERIODS = 2.0
 #: Share of the run from which on a horizon is replaced by all data: refining twice over nearly the same data is waste.
 LAST_SHARE = 0.75
 #: Modes followed at most: bounds the cost of a horizon.
-MAX_MODES = 5
+MAX_MODES = 3
 #: Distance from the best mode within which others are followed [units of χ²]: early data rank modes by chance.
 MAX_DISTANCE = 60.0
 #: Evaluations of least squares over each horizon, and over all data.
@@ -34,8 +34,8 @@ EARLY_PRIORS = {"k_f": 0.3, "kappa": 0.2, "b": 0.7}
 SAME_BASIN = 2.0
 #: Standard deviations of ln κ that must reach half way to the next mode for it to be tried: 2 are 95 %.
 OPEN_SD = 2.0
-#: Modes whose neighbours in κ are tried at each horizon: the best.
-WITH_NEIGHBOURS = 2
+#: Modes whose neighbours in κ are tried at each horizon: the best ones.
+WITH_NEIGHBOURS = 1
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,8 +79,8 @@ def horizons(likelihood: Likelihood) -> list[float]:
     return found
 
 
-def follow_modes(likelihood: Likelihood, starts: Sequence[np.ndarray]) -> list[Minimum]:
-    """The modes that continuation reaches from several points (D,), the best first; none if no point has a motion."""
+def follow_early(likelihood: Likelihood, starts: Sequence[np.ndarray]) -> list[np.ndarray]:
+    """The points (D,) that continuation reaches from several points, up to the last horizon before all data."""
     points = list(starts)
     for periods in horizons(likelihood):
         early = EarlyMisfit(likelihood, periods)
@@ -88,13 +88,18 @@ def follow_modes(likelihood: Likelihood, starts: Sequence[np.ndarray]) -> list[M
         points = [basin.minimum.point for basin in basins]
         for basin in basins[:WITH_NEIGHBOURS]:
             points += _kappa_neighbours(likelihood, basin, periods)
-    return refine_over_all(likelihood, points)
+    return points
 
 
-def refine_over_all(likelihood: Likelihood, points: Sequence[np.ndarray]) -> list[Minimum]:
-    """The modes over all data near several points (D,), the best first. Only those near the best are finished."""
+def approach_modes(likelihood: Likelihood, points: Sequence[np.ndarray]) -> list[Minimum]:
+    """Points near the modes over all data about several points (D,), the best first; none where there is no motion."""
     basins = distinct_basins(likelihood, _refine(likelihood, points, EVALUATIONS), unit_of_chi2(likelihood))
-    ends = _refine(likelihood, [basin.minimum.point for basin in basins], FINAL_EVALUATIONS)
+    return [basin.minimum for basin in basins]
+
+
+def finish_modes(likelihood: Likelihood, near: Sequence[Minimum]) -> list[Minimum]:
+    """The modes over all data that points of `approach_modes` lead to, the best first."""
+    ends = _refine(likelihood, [one.point for one in near], FINAL_EVALUATIONS)
     return sorted(ends, key=lambda one: one.chi2)
 
 

@@ -7,11 +7,13 @@ continuation from early data, and the best modes are shared among models until n
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
+from cradle_env.threads import in_threads
+from identification.diagnosis.criteria import DEFAULT_CRITERIA, Criteria, only_noise
 from identification.diagnosis.selection.candidates import (
     Candidate,
     list_candidates,
@@ -19,149 +21,129 @@ from identification.diagnosis.selection.candidates import (
     starts,
     with_effects,
 )
+from identification.diagnosis.selection.search import FitCache
 from identification.experiment.experiment import Experiment
 from identification.experiment.train_test import training_rows
-from identification.inference.fit_result import FitResult
 from identification.inference.impossible_model import ImpossibleModelError
 from identification.inference.least_squares import cost
 from identification.inference.likelihood import Likelihood
 from identification.inference.start_points import flatten_values, point_at
-from studies.selection.continuation import Basin, Minimum, follow_modes, refine_over_all, screen_starts, unit_of_chi2
-from studies.selection.evidence import LaplaceTerms
+from identification.progress import Progress
+from studies.selection.continuation import MAX_DISTANCE, follow_early, screen_starts
+from studies.selection.model import Model, Names
 
 #: Strengths from which a candidate starts on early data [declared scales]: basins exist in strengths, too.
 EARLY_STRENGTHS = (0.1, 1.0, 3.0, 10.0)
+#: Early starts refined from the stated values and from the parent's, each: those with the least misfit.
+EARLY_STARTS = 2
 #: Strengths from which a candidate starts at its parent's mode, over all data; the best few are refined.
 LATE_STRENGTHS, LATE_STARTS = (0.01, 0.1, 1.0), 2
 #: Distance from the best model of a size within which others are compared [units of χ²]: 20 is e⁻¹⁰ in likelihood.
 FINISH_WITHIN = 20.0
 #: Prior probability of each further effect over that of none further.
 ANOTHER = 0.5
-#: Models of each size that are extended.
+#: Models of each size that are extended where the best leaves more than noise; else the best alone is.
 BEAM = 3
 #: Effects added at most.
 MAX_EFFECTS = 4
-#: Models whose modes are tried in the others: the best. Modes kept of each model.
-SHARED_FROM, MODES_KEPT = 6, 5
-#: Early starts refined from the stated values and from the parent's, each: those with the least misfit.
-EARLY_STARTS = 6
-
-Names = frozenset[str]
+#: Models whose modes are tried in the others: the best.
+SHARED_FROM = 3
 
 
-@dataclass(eq=False)
-class Model:
-    """A set of candidates over the base, and its modes, the best first."""
+@dataclass(frozen=True, eq=False)
+class Round:
+    """The models with one candidate more, compared with the best one so far.
 
-    names: Names
-    effects: Names
-    likelihood: Likelihood
-    modes: list[Minimum]
-    _fitted: FitResult | None = None
-    _terms: LaplaceTerms | None = None
+    compared: all of them, the most evidence first, those too far in χ² last. odds: ln evidence over `before`, of those
+    near enough. chosen: the best one, or a part of it; None if no evidence is above that of `before`.
+    """
 
-    @property
-    def chi2(self) -> float:
-        """That of the best mode; infinite if there is none."""
-        return self.modes[0].chi2 if self.modes else math.inf
-
-    @property
-    def unit(self) -> float:
-        """What one unit of χ² is worth beside what this model leaves."""
-        return unit_of_chi2(self.likelihood)(self.chi2)
-
-    @property
-    def fitted(self) -> FitResult:
-        """The best mode as a fit."""
-        if self._fitted is None:
-            self._fitted = FitResult(self.likelihood, self.modes[0].point)
-        return self._fitted
-
-    @property
-    def terms(self) -> LaplaceTerms:
-        """What its evidence needs."""
-        if self._terms is None:
-            self._terms = LaplaceTerms.of(self.fitted)
-        return self._terms
-
-    @property
-    def inflation(self) -> float:
-        """c of its residuals."""
-        return self.fitted.effective_sample.inflation
-
-    def add_modes(self, modes: Iterable[Minimum]) -> bool:
-        """Adds modes; returns whether the best improved by a unit."""
-        before = self.chi2
-        self.modes = sorted([*self.modes, *modes], key=lambda mode: mode.chi2)[:MODES_KEPT]
-        if self.chi2 < before:
-            self._fitted = self._terms = None
-        return bool(self.modes) and self.chi2 < before - self.unit
-
-    def in_best_basin(self, point: np.ndarray) -> bool:
-        """Whether a point (D,) lies in the basin of the best mode."""
-        chi2 = cost(self.likelihood, point)
-        return Basin(self.modes[0], self.terms.information, self.unit).holds(point, chi2)
+    before: Model
+    compared: tuple[Model, ...]
+    odds: tuple[float, ...]
+    chosen: Model | None
 
 
 @dataclass(eq=False)
 class ModelSearch:
-    """All models visited, by the names of their candidates, and a line for each round. experiment: noise stated."""
+    """All models visited, by the labels of their candidates, and the rounds of the search.
+
+    experiment: with its noise stated. store: keeps what was found. workers: threads. criteria: say what noise is.
+    """
 
     experiment: Experiment
-    workers: int | None = 1
+    store: FitCache
+    workers: int | None = None
+    criteria: Criteria = DEFAULT_CRITERIA
     models: dict[Names, Model] = field(default_factory=dict)
-    path: list[str] = field(default_factory=list)
+    rounds: list[Round] = field(default_factory=list)
 
-    def run(self) -> Model:
-        """The model with the most evidence."""
-        best = self.fit_base()
+    def run(self, known: Sequence[np.ndarray], progress: Progress) -> Model:
+        """The model with the most evidence. known: points (D,) near modes of the base."""
+        best = self.fit_base(known)
         front = [best]
         for size in range(1, MAX_EFFECTS + 1):
-            children = list({child.names: child for parent in front for child in self.extend(parent)}.values())
-            children = [child for child in children if child.modes]
-            if not children:
+            children = {child.names: child for parent in front for child in self.extend(parent, progress)}
+            near = self._finish_near_the_best([*children.values()])
+            if not near:
                 break
-            lowest = min(children, key=lambda m: m.chi2)
-            near = [m for m in children if m.chi2 < lowest.chi2 + FINISH_WITHIN * lowest.unit]
             self.share_modes([*front, *near])
-            c = best.inflation
+            c = min(near, key=lambda m: m.chi2).inflation
             near.sort(key=lambda m: -self.log_evidence(m, c))
-            self._note(size, best, near, c)
-            if self.log_evidence(near[0], c) <= self.log_evidence(best, c):
+            before = self.log_evidence(best, c)
+            odds = tuple(self.log_evidence(m, c) - before for m in near)
+            compared = (*near, *sorted({*children.values()} - {*near}, key=lambda m: m.chi2))
+            chosen = self.drop_each(near[0]) if odds[0] > 0.0 else None
+            self.rounds.append(Round(best, compared, odds, chosen))
+            if chosen is None:
                 break
-            best = self.drop_each(near[0])
-            front = near[:BEAM]
+            best = chosen
+            front = [best] if only_noise(best.fitted, self.criteria) else near[:BEAM]
+            progress("refit", size / MAX_EFFECTS, best.label)
         return best
 
-    def fit_base(self) -> Model:
-        """The model with nothing added."""
+    def fit_base(self, known: Sequence[np.ndarray] = ()) -> Model:
+        """The model with nothing added. known: points (D,) near its modes."""
         likelihood = self._likelihood(self.experiment)
-        base = Model(frozenset(), frozenset(), likelihood, follow_modes(likelihood, [likelihood.start()]))
+        base = Model(frozenset(), frozenset(), likelihood, self.store)
+        base.approach("base", lambda: [*known, *follow_early(likelihood, [likelihood.start()])])
+        base.finish()
         if not base.modes:
             raise ImpossibleModelError("no point near the stated values has a motion: state values nearer to the truth")
         self.models[base.names] = base
         return base
 
-    def extend(self, parent: Model) -> list[Model]:
-        """The parent with each candidate more: modes found on early data, and those from the parent's mode."""
-        found = []
-        for candidate in list_candidates(self.experiment.cradle):
-            if candidate.name in parent.effects:
-                continue
-            model = self._model(parent, candidate)
-            if model is not None:
-                model.add_modes(refine_over_all(model.likelihood, self._late_starts(parent, model, candidate)))
-                found.append(model)
-        return found
+    def extend(self, parent: Model, progress: Progress) -> list[Model]:
+        """The parent with each candidate more, approached from early data and from the parent's mode."""
+        known = parent.likelihood.experiment.cradle
+        candidates = [c for c in list_candidates(self.experiment.cradle) if not known.has(c.name)]
+        parent.fitted.values  # noqa: B018  computed once, before the threads need it
+
+        def approach(i: int) -> Model | None:
+            progress("refit", i / len(candidates), f"{parent.label} + {candidates[i].label}")
+            return self._approach(parent, candidates[i])
+
+        found = in_threads(approach, range(len(candidates)), self.workers)
+        return [model for model in found if model is not None and model.modes]
+
+    def extended(self, parent: Model, label: str) -> Model:
+        """The parent with a candidate more, finished; ImpossibleModelError if it has no motion."""
+        model = self.models.get(parent.names | {label})
+        if model is None:
+            candidate = next(c for c in list_candidates(self.experiment.cradle) if c.label == label)
+            model = self._approach(parent, candidate)
+        if model is None or not model.modes:
+            raise ImpossibleModelError(f"no motion with {label}")
+        model.finish()
+        return model
 
     def drop_each(self, model: Model) -> Model:
         """The model, or what is better without one of its members, under the inflation of its own residuals."""
         best = model
-        for name in model.names if len(model.names) > 2 else ():  # smaller sets were all visited
-            smaller = self._rebuild(model.names - {name})
+        for label in sorted(model.names) if len(model.names) > 2 else ():  # smaller sets were all visited
+            smaller = self._rebuild(model.names - {label})
             if smaller is not None:
-                shared = point_at(smaller.likelihood, model.fitted.values)
-                smaller.add_modes(refine_over_all(smaller.likelihood, [shared]))
+                self._approach_from(smaller, model)
                 if self.log_evidence(smaller, model.inflation) > self.log_evidence(best, model.inflation):
                     best = smaller
         return best
@@ -178,36 +160,39 @@ class ModelSearch:
                     if other is model or other.chi2 >= model.chi2 or key in tried:
                         continue
                     tried.add(key)
-                    shared = {k: v for k, v in other.fitted.values.items() if k in model.fitted.values}
-                    start = point_at(model.likelihood, {**model.fitted.values, **shared})
-                    if model.in_best_basin(start):
-                        continue
-                    if model.add_modes(refine_over_all(model.likelihood, [start])):
-                        self.path.append(f"{_label(model.names)} gains from {_label(other.names)}: χ² {model.chi2:.1f}")
-                        gained = True
+                    before = model.chi2
+                    self._approach_from(model, other)
+                    gained = gained or model.chi2 < before - model.unit
 
     def log_evidence(self, model: Model, inflation: float) -> float:
         """ln Z of a model, with the prior of its set: ANOTHER for each effect, shared by all candidates."""
         count = len({c.name for c in list_candidates(self.experiment.cradle)})
-        return model.terms.log_evidence(inflation) + len(model.names) * math.log(ANOTHER / count)
+        return model.terms.log_evidence(inflation) + len(model.effects) * math.log(ANOTHER / count)
 
-    def ranked(self, best: Model) -> list[tuple[Names, float]]:
-        """(names, log evidence over that of the best) of the visited models near it and of the base, under the best
-        model's inflation; the most evidence first."""
+    def ranked(self, best: Model) -> list[tuple[Model, float]]:
+        """The visited models near the best one and the base, with their ln evidence over the best, under its inflation;
+        the most evidence first. Of an effect's forms, with values alike or not, the better one alone."""
         limit = best.chi2 + 2.0 * FINISH_WITHIN * best.unit
         near = [m for m in self.models.values() if m.modes and (m.chi2 < limit or not m.names)]
-        c = best.inflation
-        first = self.log_evidence(best, c)
-        return sorted(((m.names, self.log_evidence(m, c) - first) for m in near), key=lambda pair: -pair[1])
+        first = self.log_evidence(best, best.inflation)
+        odds = sorted(((m, self.log_evidence(m, best.inflation) - first) for m in near), key=lambda pair: -pair[1])
+        found: dict[frozenset[str], tuple[Model, float]] = {}
+        for model, own in odds:
+            found.setdefault(model.effects, (model, own))
+        return list(found.values())
 
     def _likelihood(self, experiment: Experiment) -> Likelihood:
-        return Likelihood(experiment, training_rows(experiment)[0], self.workers)
+        return Likelihood(experiment, training_rows(experiment)[0], 1)
 
-    def _model(self, parent: Model, candidate: Candidate) -> Model | None:
-        """The parent with a candidate, fitted by continuation when it is met first; None where there is no motion."""
+    def _approach(self, parent: Model, candidate: Candidate) -> Model | None:
+        """The parent with a candidate, approached from its mode, and from early data when it is met first; None where
+        there is no motion."""
         names = parent.names | {candidate.label}
+        what = f"{sorted(parent.names)} at {parent.fitted.point.tolist()}"
         if names in self.models:
-            return self.models[names]
+            model = self.models[names]
+            model.approach(f"from {what}", lambda: self._late_starts(parent, model, candidate))
+            return model
         experiment = parent.likelihood.experiment
         own = matching_candidate(experiment.cradle, candidate)
         try:
@@ -216,42 +201,60 @@ class ModelSearch:
             likelihood = self._likelihood(with_effects(experiment, added, own.unknown))
         except ImpossibleModelError:
             return None
-        early = []
-        for known in ({}, parent.fitted.values):
-            every = [
-                point_at(likelihood, {**known, **flatten_values(own.name, values)})
-                for values in starts(own.declaration, experiment.cradle.bobs, EARLY_STRENGTHS)
-            ]
-            early += screen_starts(likelihood, every, EARLY_STARTS)
-        model = Model(names, parent.effects | {candidate.name}, likelihood, follow_modes(likelihood, early))
-        self.models[names] = model
-        return model
+        self.models[names] = new = Model(names, parent.effects | {*own.effects}, likelihood, self.store)
+        new.approach(
+            f"first from {what}", lambda: [*_early(parent, new, own), *self._late_starts(parent, new, candidate)]
+        )
+        return new
+
+    def _approach_from(self, model: Model, other: Model) -> None:
+        """Finishes a model from the mode of another one, unless that lies in the basin of its best mode."""
+        shared = {key: value for key, value in other.fitted.values.items() if key in model.fitted.values}
+        start = point_at(model.likelihood, {**model.fitted.values, **shared})
+        if not model.in_best_basin(start):
+            model.approach(f"at {start.tolist()}", lambda: [start])
+            model.finish()  # only what lies in another basin
 
     def _late_starts(self, parent: Model, model: Model, candidate: Candidate) -> list[np.ndarray]:
         """The parent's mode with the candidate at some strengths: those points with the least χ²."""
-        bobs = model.likelihood.experiment.cradle.bobs
         points = [
             point_at(model.likelihood, {**parent.fitted.values, **flatten_values(candidate.name, values)})
-            for values in starts(candidate.declaration, bobs, LATE_STRENGTHS)
+            for values in starts(candidate.declaration, self.experiment.cradle.bobs, LATE_STRENGTHS)
         ]
         costs = [cost(model.likelihood, point) for point in points]
         return [points[i] for i in np.argsort(costs)[:LATE_STARTS] if math.isfinite(costs[i])]
 
     def _rebuild(self, names: Names) -> Model | None:
-        """The model with these candidates, built one by one from the base."""
-        model: Model | None = self.models[frozenset()]
+        """The model with these candidates, built one by one from the base; None where there is no motion."""
+        model = self.models[frozenset()]
         for candidate in list_candidates(self.experiment.cradle):
-            if model is not None and candidate.label in names:
-                model = self._model(model, candidate)
-        return model if model is not None and model.modes else None
+            if candidate.label in names:
+                try:
+                    model = self.extended(model, candidate.label)
+                except ImpossibleModelError:
+                    return None
+        return model
 
-    def _note(self, size: int, before: Model, near: Sequence[Model], c: float) -> None:
-        first = self.log_evidence(before, c)
-        tried = "; ".join(
-            f"{_label(m.names)} χ² {m.chi2:.1f}, ln odds {self.log_evidence(m, c) - first:+.1f}" for m in near[:5]
-        )
-        self.path.append(f"size {size}: {_label(before.names)} χ² {before.chi2:.1f}, c {c:.2f}; {tried}")
+    def _finish_near_the_best(self, models: Sequence[Model]) -> list[Model]:
+        """The models near the one with the least χ², all of them finished; none of none."""
+        if not models:
+            return []
+        best = min(models, key=lambda m: m.chi2)
+        best.finish()
+        near = [m for m in models if m.chi2 < best.chi2 + MAX_DISTANCE * best.unit]
+        in_threads(Model.finish, near, self.workers)
+        best = min(near, key=lambda m: m.chi2)
+        return [m for m in near if m.chi2 < best.chi2 + FINISH_WITHIN * best.unit]
 
 
-def _label(names: Names) -> str:
-    return " + ".join(sorted(names)) or "base"
+def _early(parent: Model, model: Model, candidate: Candidate) -> list[np.ndarray]:
+    """Where continuation from early data leads, begun at the stated values and at the parent's."""
+    likelihood, bobs = model.likelihood, parent.likelihood.experiment.cradle.bobs
+    begun = []
+    for known in ({}, parent.fitted.values):
+        every = [
+            point_at(likelihood, {**known, **flatten_values(candidate.name, values)})
+            for values in starts(candidate.declaration, bobs, EARLY_STRENGTHS)
+        ]
+        begun += screen_starts(likelihood, every, EARLY_STARTS)
+    return follow_early(likelihood, begun)

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from identification.diagnosis.criteria import DEFAULT_CRITERIA, exceeds_allowed_gap
 from identification.diagnosis.residuals.residual_tests import scan_residuals
+from identification.diagnosis.selection.search import FitCache
 from identification.experiment.experiment import Experiment
 from identification.inference.fit_result import with_known_noise
-from studies.selection.model_search import Model, ModelSearch
+from studies.selection.model import Model
+from studies.selection.model_search import ModelSearch, Round
 
 #: Replicates of the residual scan: at 1 % of 400, four are above.
 REPLICATES = 400
@@ -23,12 +26,14 @@ class Selection:
 
     verdict: as in diagnosis.json. sets: of effect names within 3 nats of the best, with their log odds, the best first;
     one that holds the best or is part of it is no rival explanation, and only takes its share of the probability.
+    compared: candidates of every set compared, as their labels, with the log odds over the best model.
     probability: of the best set among all sets compared. margin: its log evidence over the best set of other names.
     scan_p: of the residual scan. gap, gap_bound: held-out gap, and its 99 % bound. path: a line for each round.
     """
 
     verdict: str
     sets: tuple[tuple[tuple[str, ...], float], ...]
+    compared: tuple[tuple[tuple[str, ...], float], ...]
     probability: float
     margin: float
     scan_p: float
@@ -46,39 +51,46 @@ def select_effects(experiment: Experiment, seed: int = 0, workers: int | None = 
     leaves only noise stays right, for its own uncertainty makes long predictions fail by chance.
     """
     estimated = tuple(run.noise is None for run in experiment.runs)
-    search = ModelSearch(with_known_noise(experiment), workers)
-    best = search.run()
+    search = ModelSearch(with_known_noise(experiment), FitCache(None, ""), workers)
+    best = search.run([], lambda *_: None)
     scan_p = _scan(best, estimated, seed)
     gap, bound = best.fitted.held_out_gap(), best.fitted.predictive_bound
-    level = DEFAULT_CRITERIA.significance_level
     refuted = bool(best.names) and exceeds_allowed_gap(gap, bound)
-    merged = _merge(search, search.ranked(best))
-    first = frozenset(merged[0][0])
-    rivals = [(names, odds) for names, odds in merged[1:] if not (first <= {*names} or first >= {*names})]
-    limit = merged[0][1] - DEFAULT_CRITERIA.equivalent_log_odds
-    sets = (merged[0], *((names, odds) for names, odds in rivals if odds > limit))
-    if scan_p < level or refuted:
+    compared = search.ranked(best)
+    sets = [(best, 0.0), *rivals(best, compared)]
+    if scan_p < DEFAULT_CRITERIA.significance_level or refuted:
         verdict = "unknown"
     elif not best.names:
         verdict = "nothing_missing"
     else:
         verdict = "named" if len(sets) == 1 else "equivalent"
-    weights = np.exp([odds - merged[0][1] for _, odds in merged])
-    margin = merged[0][1] - merged[1][1] if len(merged) > 1 else math.inf
+    margin = compared[0][1] - compared[1][1] if len(compared) > 1 else math.inf
     return Selection(
-        verdict, sets, float(weights[0] / weights.sum()), margin, scan_p, gap, bound, best.chi2, best.fitted.count,
-        tuple(search.path),
+        verdict, tuple((tuple(sorted(model.effects)), odds) for model, odds in sets),
+        tuple((tuple(sorted(model.names)), odds) for model, odds in compared), probability_of(best, compared), margin,
+        scan_p, gap, bound, best.chi2, best.fitted.count, tuple(_line(round_) for round_ in search.rounds),
     )  # fmt: skip
+
+
+def rivals(best: Model, compared: Sequence[tuple[Model, float]]) -> list[tuple[Model, float]]:
+    """Models within 3 nats of the best. One that holds its effects, or a part of them, is no rival explanation."""
+    close = -DEFAULT_CRITERIA.equivalent_log_odds
+    return [(m, o) for m, o in compared if o > close and not (m.effects >= best.effects or m.effects <= best.effects)]
+
+
+def probability_of(best: Model, compared: Sequence[tuple[Model, float]]) -> float:
+    """That of the best set of effects among all sets compared."""
+    odds = {model.effects: own for model, own in compared}
+    return float(1.0 / np.exp(np.array([*odds.values()]) - odds[best.effects]).sum())
+
+
+def _line(round_: Round) -> str:
+    """A round of the search in words."""
+    pairs = zip(round_.compared, round_.odds, strict=False)
+    tried = "; ".join(f"{m.label} χ² {m.chi2:.1f}, ln odds {odds:+.1f}" for m, odds in [*pairs][:5])
+    return f"{round_.before.label} χ² {round_.before.chi2:.1f}; {tried}"
 
 
 def _scan(model: Model, estimated: tuple[bool, ...], seed: int) -> float:
     replicates = model.fitted.replicates(REPLICATES, np.random.default_rng(seed), estimated)
     return scan_residuals(model.fitted, replicates).p
-
-
-def _merge(search: ModelSearch, ranked: list[tuple[frozenset[str], float]]) -> list[tuple[tuple[str, ...], float]]:
-    """Sets of effects instead of candidates: of an effect's forms, with values alike or not, the better counts."""
-    found: dict[tuple[str, ...], float] = {}
-    for names, odds in ranked:
-        found.setdefault(tuple(sorted(search.models[names].effects)), odds)
-    return list(found.items())

@@ -1,5 +1,6 @@
-"""The study of selection by evidence: its evidence against integrals, its search against other histories."""
+"""Selection by evidence: its evidence against integrals, its search against other histories."""
 
+import itertools
 import math
 
 import numpy as np
@@ -9,11 +10,13 @@ from scipy.integrate import quad
 from cradle_env.cradle import Cradle
 from cradle_env.release import Release
 from identification.diagnosis.selection.candidates import list_candidates, parameter_of, starts
+from identification.diagnosis.selection.search import FitCache
 from identification.experiment.experiment import Experiment
 from identification.experiment.run import ReleaseInfo, Run
 from identification.inference.unknowns import model_unknowns
 from studies.kept_rows import read_rows
 from studies.selection.__main__ import HERE
+from studies.selection.by_evidence import diagnose_by_evidence
 from studies.selection.continuation import FIRST_PERIODS, LAST_SHARE, Basin, Minimum, horizons
 from studies.selection.evidence import LaplaceTerms, log_prior
 from studies.selection.model_search import ModelSearch
@@ -23,6 +26,10 @@ from tests.synthetic import simulated_run
 
 DRAG = {"quadratic_drag": {"c2": 6e-3}}
 FRICTION = {"pivot_friction": {"tau_c": 6e-5}}
+
+
+def search_of(experiment: Experiment) -> ModelSearch:
+    return ModelSearch(experiment, FitCache(None, ""), 1)
 
 
 def pendulum(effects: dict, seed: int = 1) -> Experiment:
@@ -80,8 +87,8 @@ def test_a_point_with_far_less_misfit_than_predicted_lies_in_another_basin():
 
 def test_horizons_double_and_end_before_the_data():
     experiment = pendulum({})
-    search = ModelSearch(experiment)
-    found = horizons(search._likelihood(experiment))
+    base = search_of(experiment).fit_base()
+    found = horizons(base.likelihood)
     assert found[0] == FIRST_PERIODS and np.all(np.diff(np.log2(found)) == 1.0)
     assert found[-1] < LAST_SHARE * (2.0 / 3.0) * 20.0 / experiment.cradle.period
 
@@ -89,40 +96,59 @@ def test_horizons_double_and_end_before_the_data():
 def test_chi2_of_a_model_is_a_function_of_the_model():
     """Two effects, reached by adding either first, have one χ² to within a unit: basins exist in strengths, too."""
     experiment = pendulum(DRAG | FRICTION)
-    found = {}
+    found = []
     for order in (("quadratic_drag", "pivot_friction"), ("pivot_friction", "quadratic_drag")):
-        search = ModelSearch(experiment)
+        search = search_of(experiment)
         model = search.fit_base()
-        for name in order:
-            candidate = next(c for c in list_candidates(experiment.cradle) if c.label == name)
-            model = search._model(model, candidate)
-            assert model is not None
-        search.share_modes(list(search.models.values()))
-        found[order] = model.chi2
-    one, other = found.values()
-    assert one == pytest.approx(other, abs=1.0)
+        for label in order:
+            model = search.extended(model, label)
+        search.share_modes([*search.models.values()])
+        found.append(model.chi2)
+    assert found[0] == pytest.approx(found[1], abs=1.0)
 
 
 @pytest.mark.slow
-def test_nothing_is_found_where_nothing_is_hidden():
-    selection = select_effects(pendulum({}))
-    assert selection.verdict == "nothing_missing"
-    assert selection.sets[0][0] == ()
-    assert selection.margin > 0.0
+def test_thirty_models_have_one_chi2_each_by_three_histories():
+    """Three orders of adding the members of sets of three of five candidates."""
+    experiment = pendulum(DRAG | FRICTION)
+    labels = ("quadratic_drag", "pivot_friction", "angle_offset", "angle_scale", "exposure_blur")
+    sets = [frozenset(s) for n in (1, 2, 3) for s in itertools.combinations(labels, n)]
+    found: dict[frozenset[str], list[float]] = {names: [] for names in sets}
+    for rotation in range(3):
+        search = search_of(experiment)
+        base = search.fit_base()
+        for names in sets:
+            ordered = sorted(names)
+            model = base
+            for label in (*ordered[rotation % len(ordered) :], *ordered[: rotation % len(ordered)]):
+                model = search.extended(model, label)
+        search.share_modes([*search.models.values()])
+        for names in sets:
+            found[names].append(search.models[names].chi2)
+    assert len(found) == 25
+    assert max(max(several) - min(several) for several in found.values()) < 1.0
+
+
+def test_an_interrupted_search_goes_on():
+    """What was found is kept: the same search again simulates nothing to find it."""
+    experiment, store = pendulum(DRAG), FitCache(None, "")
+    first = ModelSearch(experiment, store, 1)
+    model = first.extended(first.fit_base(), "quadratic_drag")
+    kept = len(store.points)
+    again = ModelSearch(experiment, store, 1)
+    assert again.extended(again.fit_base(), "quadratic_drag").modes[0].point == pytest.approx(
+        model.modes[0].point, abs=0
+    )
+    assert len(store.points) == kept
 
 
 @pytest.mark.slow
-def test_a_strong_effect_is_named():
-    selection = select_effects(pendulum(DRAG))
-    assert selection.sets[0][0] == ("quadratic_drag",)
-    assert selection.verdict == "named"
-    assert 0.5 < selection.probability <= 1.0
-
-
-@pytest.mark.slow
-def test_a_pair_is_named():
-    selection = select_effects(pendulum(DRAG | {"angle_offset": {"offset": 3e-3}}))
-    assert set(selection.sets[0][0]) == {"quadratic_drag", "angle_offset"}
+@pytest.mark.parametrize("hidden", [{}, DRAG, DRAG | {"angle_offset": {"offset": 3e-3}}])
+def test_what_is_hidden_is_named_and_nothing_else(hidden):
+    diagnosis = diagnose_by_evidence(pendulum(hidden))
+    assert set(diagnosis.effects) == set(hidden)
+    assert diagnosis.verdict == ("named" if hidden else "nothing_missing")
+    assert 0.5 < select_effects(pendulum(hidden)).probability <= 1.0
 
 
 def test_the_page_is_made_of_the_kept_rows(tmp_path):

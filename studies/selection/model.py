@@ -1,0 +1,118 @@
+"""A set of candidates over the base model, and the modes of its likelihood that are known."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from identification.diagnosis.selection.search import FitCache, fit_key
+from identification.inference.fit_result import FitResult
+from identification.inference.least_squares import cost
+from identification.inference.likelihood import Likelihood
+from studies.selection.continuation import (
+    MAX_DISTANCE,
+    Basin,
+    Minimum,
+    approach_modes,
+    finish_modes,
+    unit_of_chi2,
+)
+from studies.selection.evidence import LaplaceTerms
+
+#: Modes kept of each model.
+MODES_KEPT = 5
+
+#: Labels of candidates.
+Names = frozenset[str]
+
+
+@dataclass(eq=False)
+class Model:
+    """A set of candidates, the effects that they bring, and the modes, the best first.
+
+    What was only approached is not finished. store: keeps what was found, so that an interrupted search goes on.
+    """
+
+    names: Names
+    effects: frozenset[str]
+    likelihood: Likelihood
+    store: FitCache
+    modes: list[Minimum] = field(default_factory=list)
+    _approached: list[Minimum] = field(default_factory=list)
+    _fitted: FitResult | None = None
+    _terms: LaplaceTerms | None = None
+
+    @property
+    def label(self) -> str:
+        """Its candidates, as tables have them."""
+        return " + ".join(sorted(self.names)) or "base"
+
+    @property
+    def chi2(self) -> float:
+        """That of the best mode; infinite if there is none."""
+        return self.modes[0].chi2 if self.modes else math.inf
+
+    @property
+    def unit(self) -> float:
+        """What one unit of χ² is worth beside what this model leaves."""
+        return unit_of_chi2(self.likelihood)(self.chi2)
+
+    @property
+    def fitted(self) -> FitResult:
+        """The best mode as a fit."""
+        if self._fitted is None:
+            self._fitted = FitResult(self.likelihood, self.modes[0].point)
+        return self._fitted
+
+    @property
+    def terms(self) -> LaplaceTerms:
+        """What its evidence needs."""
+        if self._terms is None:
+            self._terms = LaplaceTerms.of(self.fitted)
+        return self._terms
+
+    @property
+    def inflation(self) -> float:
+        """c of its residuals."""
+        return self.fitted.effective_sample.inflation
+
+    def approach(self, what: str, starts: Callable[[], Sequence[np.ndarray]]) -> None:
+        """Adds what is near the modes about several points (D,). what: under which it is stored.
+
+        What lies in the basin of a mode that is finished leads nowhere else.
+        """
+        near = self._stored(what, lambda: approach_modes(self.likelihood, starts()))
+        if self.modes and not self._approached:
+            near = [one for one in near if not self._in_best_basin(one)]
+        self._approached += near
+        self._add(near)
+
+    def finish(self) -> None:
+        """Follows what was approached to its modes."""
+        limit = self.chi2 + MAX_DISTANCE * self.unit
+        near, self._approached = [one for one in self._approached if one.chi2 < limit], []
+        if near:
+            what = f"finished {[one.point.tolist() for one in near]}"
+            self._add(self._stored(what, lambda: finish_modes(self.likelihood, near)))
+
+    def in_best_basin(self, point: np.ndarray) -> bool:
+        """Whether a point (D,) lies in the basin of the best mode."""
+        return self._in_best_basin(Minimum(point, cost(self.likelihood, point)))
+
+    def _in_best_basin(self, one: Minimum) -> bool:
+        return Basin(self.modes[0], self.terms.information, self.unit).holds(one.point, one.chi2)
+
+    def _add(self, modes: Iterable[Minimum]) -> None:
+        before = self.chi2
+        self.modes = sorted([*self.modes, *modes], key=lambda mode: mode.chi2)[:MODES_KEPT]
+        if self.chi2 < before:
+            self._fitted = self._terms = None
+
+    def _stored(self, what: str, find: Callable[[], list[Minimum]]) -> list[Minimum]:
+        """Minima found once, kept as one vector."""
+        key = fit_key(what, self.likelihood.experiment)
+        rows = self.store.point(key, lambda: np.array([[*one.point, one.chi2] for one in find()]).ravel())
+        return [Minimum(row[:-1], float(row[-1])) for row in rows.reshape(-1, len(self.likelihood.names) + 1)]
