@@ -10,7 +10,7 @@ from identification.diagnosis.repair import RepairResult
 from identification.diagnosis.selection.model_comparison import Decision
 from identification.inference.fit_result import FitResult
 from identification.inference.impossible_model import ImpossibleModelError
-from identification.number_format import format_number, format_ratio
+from identification.number_format import format_number, format_ratio, typographic_minus
 
 #: Candidates of a comparison that the table shows: the most probable.
 _SHOWN = 5
@@ -79,7 +79,7 @@ def path_rows(path: Sequence[Mapping[str, Any]]) -> list[tuple[str, ...]]:
         for candidate in [*candidates[:_SHOWN], *chosen]:
             label = f"{candidate['effect']}{', all alike' if candidate['alike'] else ''}"
             gained = f"−{candidate['delta_chi2']:.1f}" if candidate["delta_chi2"] >= 0.0 else "no less"
-            evidence = f"{candidate['log_evidence']:+.1f}".replace("-", "−")
+            evidence = typographic_minus(f"{candidate['log_evidence']:+.1f}")
             rows.append(
                 ("  chosen" if candidate["chosen"] else "", f"  {label}", f"+{candidate['unknowns']}", gained, evidence,
                  _p(candidate["p"]), _gap(candidate["held_out_gap"]))
