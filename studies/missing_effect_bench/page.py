@@ -22,7 +22,7 @@ Made by `python -m studies.missing_effect_bench results DIR` from results.jsonl 
 - `nothing` always says that nothing is missing. `prior` knows how often each kind of case comes, and looks at no data.
 - `regression` fits the model as stated and regresses its residuals on what each candidate would change.
 - `diagnose` is `cradle diagnose`.
-- `evidence` searches sets of effects by evidence, as ../selection does. Six cases with N = 3 are not yet answered.
+- `evidence` searches sets of effects by evidence, as ../selection does.
 """
 
 
