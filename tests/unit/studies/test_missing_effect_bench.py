@@ -2,10 +2,12 @@
 
 import csv
 import json
+import math
 import subprocess
 import sys
 import tomllib
 from collections import Counter
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -19,7 +21,9 @@ from studies.diagnosis.study import is_held_out
 from studies.diagnosis.table import ROWS as STUDY
 from studies.kept_rows import read_rows
 from studies.missing_effect_bench import __main__ as program
+from studies.missing_effect_bench import entrants
 from studies.missing_effect_bench.candidates import (
+    COMMON_LENGTH,
     EQUIVALENTS,
     KINDS,
     NOTHING,
@@ -252,6 +256,23 @@ def test_regression_finds_what_is_plain():
 
 def test_regression_finds_nothing_where_nothing_is():
     assert regress(pendulum({}), prior(1))[NOTHING] > 0.6  # without the criterion, more unknowns always fit better
+
+
+@pytest.mark.parametrize("verdict", ["named", "unknown"])
+def test_a_search_by_evidence_answers_with_its_odds(monkeypatch, verdict):
+    """Of an effect's two forms the better one counts; lengths all alike are the bench's common length."""
+    compared = ((("length_mismatch, all alike",), 0.0), (("quadratic_drag",), -1.0), ((), -2.0))
+    compared += ((("bob_attraction, all alike",), -3.0), (("bob_attraction",), -4.0))
+    found = SimpleNamespace(compared=compared, verdict=verdict)
+    monkeypatch.setattr(entrants.Experiment, "load", lambda _: None)
+    monkeypatch.setattr(entrants, "select_effects", lambda _: found)
+    told = entrants.answer_evidence(Path("anywhere"), 2)
+    assert math.fsum(told.values()) == pytest.approx(1.0)
+    names = {COMMON_LENGTH: 0.0, "quadratic_drag": -1.0, "bob_attraction": -3.0}
+    for name, odds in names.items():
+        assert told[frozenset({name})] / told[NOTHING] == pytest.approx(math.exp(odds + 2.0))
+    assert (told[UNKNOWN] > 0.9) is (verdict == "unknown")
+    assert 0.0 < told[UNKNOWN] < 1.0 and len(told) == len(names) + 2
 
 
 def test_a_peak_of_noise_is_as_rare_as_is_said():

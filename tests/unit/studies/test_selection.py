@@ -109,7 +109,7 @@ def test_chi2_of_a_model_is_a_function_of_the_model():
 
 
 @pytest.mark.slow
-def test_thirty_models_have_one_chi2_each_by_three_histories():
+def test_25_models_have_one_chi2_each_by_three_histories():
     """Three orders of adding the members of sets of three of five candidates."""
     experiment = pendulum(DRAG | FRICTION)
     labels = ("quadratic_drag", "pivot_friction", "angle_offset", "angle_scale", "exposure_blur")
@@ -130,17 +130,19 @@ def test_thirty_models_have_one_chi2_each_by_three_histories():
     assert max(max(several) - min(several) for several in found.values()) < 1.0
 
 
-def test_an_interrupted_search_goes_on():
-    """What was found is kept: the same search again simulates nothing to find it."""
+def test_an_interrupted_search_goes_on(monkeypatch):
+    """What was found is kept: the same search again looks for no mode."""
     experiment, store = pendulum(DRAG), FitCache(None, "")
     first = ModelSearch(experiment, store, 1)
     model = first.extended(first.fit_base(), "quadratic_drag")
     kept = len(store.points)
+    for name in ("approach_modes", "finish_modes"):
+        monkeypatch.setattr(f"studies.selection.model.{name}", lambda *_: pytest.fail("this was known"))
     again = ModelSearch(experiment, store, 1)
     assert again.extended(again.fit_base(), "quadratic_drag").modes[0].point == pytest.approx(
         model.modes[0].point, abs=0
     )
-    assert len(store.points) == kept
+    assert len(store.points) == kept > 0
 
 
 @pytest.mark.slow
