@@ -117,7 +117,6 @@ class ModelSearch:
         """The parent with each candidate more, approached from early data and from the parent's mode."""
         known = parent.likelihood.experiment.cradle
         candidates = [c for c in list_candidates(self.experiment.cradle) if not known.has(c.name)]
-        parent.fitted.values  # noqa: B018  computed once, before the threads need it
 
         def approach(i: int) -> Model | None:
             progress("refit", i / len(candidates), f"{parent.label} + {candidates[i].label}")
