@@ -12,12 +12,11 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 from cradle_env import __version__
+from identification.experiment.constraint import FORMAT, Constraint
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-#: Format of measurement.json.
-FORMAT = "cradle-measurement/1"
 #: Probabilities of the ends of the central 68 % and 95 % intervals.
 _ENDS = (0.16, 0.84, 0.025, 0.975)
 
@@ -98,12 +97,17 @@ class Measurement(ABC):
     def details(self) -> dict[str, Any]:
         """What measurement.json holds beside the values, for this kind alone."""
 
+    def constraint(self) -> Constraint | None:
+        """What it says of the cradle's parameters, for `calibrate`; None for nothing."""
+        return None
+
     def files(self) -> Mapping[str, str | bytes | Path]:
         """Files to write beside measurement.json, picture and report, by name; a Path is a file to be moved there."""
         return {}
 
     def content(self) -> dict[str, Any]:
         """The content of measurement.json."""
+        constraint = self.constraint()
         return {
             "format": FORMAT,
             "version": __version__,
@@ -113,5 +117,6 @@ class Measurement(ABC):
             "values": {name: value.content() for name, value in self.values.items()},
             "findings": list(self.findings),
             "warnings": list(self.warnings),
+            "constraint": None if constraint is None else constraint.content(),
             "details": self.details(),
         }

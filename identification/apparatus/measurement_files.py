@@ -7,7 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from cradle_env.plot_style import png
-from identification.apparatus.measurement import FORMAT, Measurement
+from identification.apparatus.measurement import Measurement
+from identification.experiment.constraint import FORMAT
 from identification.number_format import format_statistics, markup, rounding_of, unit_markup
 from identification.reporting.html_page import render
 from identification.storage.files import ExperimentError

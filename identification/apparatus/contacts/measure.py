@@ -16,8 +16,10 @@ from identification.apparatus.contacts.circuit import Circuit, joined
 from identification.apparatus.contacts.decode import Decoded, decode, intervals
 from identification.apparatus.contacts.trace import open_trace
 from identification.apparatus.impacts.data import Durations
+from identification.apparatus.impacts.durations import duration_constraint
 from identification.apparatus.impacts.fit import fit
 from identification.apparatus.measurement import Measurement, Value
+from identification.experiment.constraint import Constraint
 from identification.number_format import format_number
 from identification.progress import Progress
 
@@ -58,7 +60,10 @@ class Traced:
 
 @dataclass(frozen=True, eq=False)
 class ContactsMeasurement(Measurement):
-    """Contacts of all traces; see `measure_contacts`."""
+    """Contacts of all traces; see `measure_contacts`.
+
+    durations: what those of first contacts at stated speeds say of the cradle.
+    """
 
     kind: ClassVar[str] = "contacts"
     caption: ClassVar[str] = (
@@ -70,12 +75,17 @@ class ContactsMeasurement(Measurement):
     circuit: Circuit
     traces: tuple[Traced, ...]
     cradle: Cradle
+    durations: Constraint | None
 
     def figure(self) -> Figure:
         """Contacts in time, levels, and durations."""
         from identification.apparatus.contacts.figure import contacts_figure
 
         return contacts_figure(self)
+
+    def constraint(self) -> Constraint | None:
+        """The duration of a contact, where speeds are stated."""
+        return self.durations
 
     def files(self) -> Mapping[str, str | bytes | Path]:
         """contacts.csv: a row for each contact."""
@@ -169,7 +179,7 @@ def measure_contacts(
         digests.append(trace.digest.hexdigest())
         contacts = _contacts(decoded, len(circuit.resistances))
         read.append(Traced(str(path), decoded, contacts, speeds[k] if speeds else None))
-    values, words = _k_f(read, cradle, speed_sd or 0.0) if speeds else ({}, [])
+    values, words, durations = _k_f(read, cradle, speed_sd or 0.0) if speeds else ({}, [], None)
     values = {**_counts(read), **values}
     return ContactsMeasurement(
         values,
@@ -180,6 +190,7 @@ def measure_contacts(
         circuit,
         tuple(read),
         cradle,
+        durations,
     )
 
 
@@ -232,7 +243,9 @@ def _counts(read: Sequence[Traced]) -> dict[str, Value]:
     }
 
 
-def _k_f(read: Sequence[Traced], cradle: Cradle, speed_sd: float) -> tuple[dict[str, Value], list[str]]:
+def _k_f(
+    read: Sequence[Traced], cradle: Cradle, speed_sd: float
+) -> tuple[dict[str, Value], list[str], Constraint | None]:
     """k_f from the first contact of each trace, where it is of two bobs alone."""
     pairs = [
         (trace.speed, trace.contacts[0])
@@ -240,7 +253,7 @@ def _k_f(read: Sequence[Traced], cradle: Cradle, speed_sd: float) -> tuple[dict[
         if trace.contacts and trace.contacts[0].most == 2 and trace.contacts[0].whole
     ]
     if not pairs:
-        return {}, ["No trace begins with a whole contact of two bobs alone: durations say nothing of k_f."]
+        return {}, ["No trace begins with a whole contact of two bobs alone: durations say nothing of k_f."], None
     speeds = np.array([speed for speed, _ in pairs])
     table = Durations(
         "traces",
@@ -252,10 +265,12 @@ def _k_f(read: Sequence[Traced], cradle: Cradle, speed_sd: float) -> tuple[dict[
     found = fit((), (table,), cradle, ("k_f",))
     mean, sd = found.of("k_f")
     stiffer = fit((), (table,), cradle.replace(youngs_modulus=1.01 * cradle.youngs_modulus), ("k_f",)).of("k_f")[0]
-    return {"k_f": Value.normal("k_f", "viscoelastic dissipation, from durations", "N s/m^3/2", mean, sd, 0.0)}, [
+    words = [
         f"k_f rests on k_el as E, ν and R say it: were k_el 1 % larger, k_f would be {format_number(stiffer)} instead"
         f" of {format_number(mean)} N s/m^(3/2). cradle measure impacts fits both, with speeds before and after."
     ]
+    values = {"k_f": Value.normal("k_f", "viscoelastic dissipation, from durations", "N s/m^3/2", mean, sd, 0.0)}
+    return values, words, duration_constraint("contacts", cradle.replace(k_f=mean), sd, speeds)
 
 
 def _findings(read: Sequence[Traced]) -> list[str]:

@@ -13,8 +13,10 @@ from cradle_env.constitutive import restitution_curve
 from cradle_env.cradle import Cradle
 from identification.apparatus.impacts.chain import passed_on_apart
 from identification.apparatus.impacts.data import Durations, Passed, read_impacts
+from identification.apparatus.impacts.durations import duration_constraint
 from identification.apparatus.impacts.fit import Fit, fit
 from identification.apparatus.measurement import Measurement, Value
+from identification.experiment.constraint import Constraint, quantity_of
 from identification.number_format import format_number
 from identification.progress import Progress
 
@@ -80,6 +82,18 @@ class ImpactsMeasurement(Measurement):
             ],
             "experiment_toml": self.experiment_toml(),
         }
+
+    def constraint(self) -> Constraint:
+        """What speeds and durations tell of k_f and k_el: A, with durations the time scale too; or a duration alone."""
+        if not self.passed:
+            speeds = np.concatenate([one.speed for one in self.durations])
+            return duration_constraint("impacts", self.cradle, self.chosen.of("k_f")[1], speeds)
+        names = ("impact_dissipation", "contact_time_scale")[: len(self.chosen.names)]
+        # Of ln A and ln T by ln k_f and ln k_el.
+        powers = np.array([[1.0, -0.6], [0.0, -0.4]])[: len(names), : len(names)]
+        mean = np.array([quantity_of(self.cradle, name) for name in names])
+        slopes = mean[:, None] * powers / self.chosen.values
+        return Constraint("impacts", names, mean, slopes @ self.chosen.covariance @ slopes.T)
 
     def experiment_toml(self) -> str:
         """Lines for an experiment.toml: [cradle] k_f, and its prior."""

@@ -8,6 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import chi2
 
+from identification.experiment.constraint import neighbours
+
 
 @dataclass(frozen=True, eq=False)
 class GroupLaw:
@@ -27,12 +29,6 @@ class GroupLaw:
         slopes = np.stack([1.0 + self.slope * more, self.b * more])
         spread = np.sqrt(np.einsum("ik,ij,jk->k", slopes, self.covariance, slopes))
         return self.b * (1.0 + self.slope * more), spread
-
-
-def neighbours(bobs: np.ndarray) -> np.ndarray:
-    """How many neighbours in touch a bob of a group has on average, 2 (n − 1)/n."""
-    bobs = np.asarray(bobs, dtype=float)
-    return 2.0 * (bobs - 1.0) / bobs
 
 
 def group_law(groups: Mapping[int, tuple[float, float]]) -> GroupLaw | None:

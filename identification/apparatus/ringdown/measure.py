@@ -19,6 +19,7 @@ from identification.apparatus.measurement import Measurement, Value
 from identification.apparatus.ringdown.group_law import GroupLaw, group_law
 from identification.apparatus.ringdown.motion import TERMS, Fit, fit
 from identification.apparatus.ringdown.swings import Swing, read_swings
+from identification.experiment.constraint import Constraint
 from identification.number_format import format_number
 from identification.progress import Progress
 
@@ -102,6 +103,26 @@ class RingdownMeasurement(Measurement):
             "law_p": None if self.law is None else self.law.p,
             "experiment_toml": self.experiment_toml(),
         }
+
+    def constraint(self) -> Constraint:
+        """b_n of each group, and the terms in addition; errors are increased if recordings scatter by more."""
+        groups = [f"b_{n}" for n in self.groups]
+        names = [*groups, *self.terms]
+        information, weighted, squares = np.zeros((len(names), len(names))), np.zeros(len(names)), 0.0
+        for one in self.recordings:
+            rows = [one.fit.names.index(name) for name in self._names()]
+            places = [names.index(f"b_{one.fit.swing.bobs}"), *range(len(groups), len(names))]
+            found, precision = one.fit.parameters[rows], np.linalg.inv(one.fit.covariance[np.ix_(rows, rows)])
+            information[np.ix_(places, places)] += precision
+            weighted[places] += precision @ found
+            squares += float(found @ precision @ found)
+        covariance = np.linalg.inv(information)
+        mean = covariance @ weighted
+        free = len(self.recordings) * len(self._names()) - len(names)
+        wider = max(1.0, (squares - float(mean @ weighted)) / free) if free else 1.0
+        quantities = (*groups, *(f"{name}.{TERMS[name]}" for name in self.terms))
+        mass = self.recordings[0].fit.swing.cradle.mass
+        return Constraint("ringdown", quantities, mean, wider * covariance, {"mass": mass})
 
     def _names(self) -> tuple[str, ...]:
         return "b", *self.terms

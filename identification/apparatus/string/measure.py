@@ -13,6 +13,7 @@ from identification.apparatus.measurement import Measurement, Value
 from identification.apparatus.string.curve import Curve, read_curves
 from identification.apparatus.string.cycles import Cycle, cycles_of, loss_share
 from identification.apparatus.string.fit import Fit, fit, selected
+from identification.experiment.constraint import Constraint
 from identification.number_format import Rounding, format_number, unit_plain
 from identification.progress import Progress
 
@@ -80,11 +81,22 @@ class StringMeasurement(Measurement):
             "experiment_toml": self.experiment_toml(),
         }
 
+    def constraint(self) -> Constraint:
+        """κ, and the rate of creep where the string creeps in time."""
+        terms = ["kappa", *(["creep"] if self._creeps else [])]
+        rows = [self.chosen.names.index(name) for name in terms]
+        names = tuple({"creep": "string_creep.rate"}.get(name, name) for name in terms)
+        return Constraint("string", names, self.chosen.values[rows], self.chosen.covariance[np.ix_(rows, rows)])
+
+    @property
+    def _creeps(self) -> bool:
+        return "creep" in self.chosen.terms and all(curve.time is not None for curve in self.chosen.curves)
+
     def experiment_toml(self) -> str:
         """Lines for an experiment.toml: [cradle] kappa, and string_creep where the string creeps."""
         kappa = self.values["kappa"]
         lines = ["[cradle]", f"kappa = {kappa.median:.6g}"]
-        if "creep" in self.chosen.terms and all(curve.time is not None for curve in self.chosen.curves):
+        if self._creeps:
             rate = self.values["creep"].median
             lines += ["[model]", 'effects = ["string_creep"]', "[model.parameters]"]
             lines.append(f"string_creep = {{ rate = {rate:.6g} }}")

@@ -106,6 +106,7 @@ def test_the_first_impact_is_told_from_those_that_follow(tmp_path):
     found = [(0, 4000, 9000), (1, 4400, 9300), (0, 20000, 25000), (1, 30000, 35000)]
     measured = decoded(tmp_path / "t.npy", trace(found, 2, 40000, noise=0.005), 3)
     assert [c.most for c in measured.traces[0].contacts] == [3, 3, 2, 2]
+    assert measured.constraint() is None  # no speed is stated
     assert any("joins 3 bobs; none of the 2 contacts after" in finding for finding in measured.findings)
 
 
@@ -125,6 +126,12 @@ def test_k_f_from_durations(tmp_path):
     value = measured.values["k_f"]
     assert abs(value.median - k_f) < 4.0 * value.sd
     assert value.sd < 0.1 * k_f
+    constraint = measured.constraint()
+    assert constraint.quantities[0].startswith("contact_duration[")
+    # A k_f that is 2 sd off gives a duration that is 2 sd off; a right one lies within 4 sd.
+    off = [abs(constraint.residuals(Cradle(mass=MASS, k_f=value.median + n * value.sd))[0]) for n in (0.0, 2.0)]
+    assert off == pytest.approx([0.0, 2.0], abs=0.1)
+    assert abs(constraint.residuals(Cradle(mass=MASS, k_f=k_f))[0]) < 4.0
 
 
 def test_the_command_writes_a_table(tmp_path, capsys):

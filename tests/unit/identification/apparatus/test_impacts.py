@@ -75,6 +75,7 @@ def test_k_f_from_speeds(tmp_path, truth, stated):
     e = [collide(2, v, K_F)[0] @ [-1.0, 1.0] / v for v in (0.1, 1.0)]
     assert inside(found.values["e_0.1"], e[0]) and inside(found.values["e_1"], e[1])
     assert not found.warnings
+    assert abs(found.constraint().residuals(Cradle(k_f=K_F))[0]) < 4.0
 
 
 def test_speeds_and_durations_together_tell_the_stiffness_too(tmp_path, truth):
@@ -84,12 +85,16 @@ def test_speeds_and_durations_together_tell_the_stiffness_too(tmp_path, truth):
     assert inside(found.values["k_el"], K_EL) and found.values["k_el"].sd < 0.01 * K_EL
     assert inside(found.values["k_f"], K_F)
     assert any("k_el is not the one" in warning for warning in found.warnings)
+    # The constraint rests on neither: it holds k_el as well, and tells the believed stiffness to be wrong.
+    assert (np.abs(found.constraint().residuals(Cradle(k_f=K_F))) < 4.0).all()
+    assert np.abs(found.constraint().residuals(stiff.replace(k_f=K_F))).max() > 10.0
 
 
 def test_durations_alone_say_what_they_rest_on(tmp_path, truth):
     found = measure_impacts([durations_table(tmp_path / "t.csv", truth, 0.2e-6, count=200)], Cradle())
     assert inside(found.values["k_f"], K_F)
     assert any("Durations alone" in warning for warning in found.warnings)
+    assert abs(found.constraint().residuals(Cradle(k_f=K_F))[0]) < 4.0
 
 
 def test_errors_that_are_stated_too_small_widen_the_interval(tmp_path, truth):

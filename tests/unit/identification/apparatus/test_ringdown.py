@@ -55,6 +55,8 @@ def test_the_terms_that_act_are_found_and_no_others(tmp_path, damping, terms):
         assert inside(value, truth), (key, value)
         assert value.sd < 0.2 * truth  # of two that act alike, 40 s at 60 readings a second tell no more
     assert not found.warnings
+    effects = {term: {term_key: damping[term_key]} for term in terms for term_key in damping if term_key != "b"}
+    assert (np.abs(found.constraint().residuals(RIGID.replace(b=damping["b"], effects=effects))) < 4.0).all()
 
 
 def test_what_the_strings_take_is_not_drag(tmp_path):
@@ -78,6 +80,11 @@ def test_drag_against_the_number_of_bobs_feeds_group_drag(tmp_path):
     assert inside(found.values["b"], b) and inside(found.values["slope"], slope)
     assert found.values["slope"].sd < 0.02
     assert 'effects = ["group_drag"]' in found.experiment_toml()
+    constraint = found.constraint()
+    assert constraint.quantities == ("b_1", "b_2", "b_4") and constraint.assumed == {"mass": MASS}
+    grouped = RIGID.replace(b=b, effects={"group_drag": {"slope": slope, "range": 0.005}})
+    assert (np.abs(constraint.residuals(grouped)) < 4.0).all()
+    assert np.abs(constraint.residuals(RIGID.replace(b=b))).max() > 10.0  # without group_drag all b_n are one
 
 
 def test_groups_of_which_one_bob_is_tracked_are_told_their_number(tmp_path):

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from cradle_env import Cradle
 from identification.apparatus import measure_string
 from identification.apparatus.string.curve import curve_of
 from identification.cli.app import main
@@ -32,6 +33,8 @@ def test_a_string_of_eq_4_is_found_to_be_one(tmp_path):
     assert inside(found.values["exponent"], 2.0) and found.values["exponent"].sd < 2e-3
     assert inside(found.values["loss"], 1.0 / 3.0) and found.values["loss"].sd < 5e-3
     assert found.findings[0].startswith("Eq. 4 describes the string") and not found.warnings
+    assert found.constraint().quantities == ("kappa",)
+    assert abs(found.constraint().residuals(Cradle(kappa=187.0))[0]) < 4.0
 
 
 @pytest.mark.parametrize(
@@ -49,6 +52,9 @@ def test_what_eq_4_does_not_say_is_found_and_named(tmp_path, name, machine, trut
     assert inside(found.values[name], truth), found.values[name]
     assert found.values[name].sd < 0.1 * truth
     assert inside(found.values["kappa"], 200.0)
+    creeps = {"string_creep": {"rate": truth}} if name == "creep" else {}
+    assert len(found.constraint().quantities) == 1 + len(creeps)
+    assert (np.abs(found.constraint().residuals(Cradle(kappa=200.0, effects=creeps))) < 4.0).all()
 
 
 def test_stiffness_against_speed(tmp_path):
