@@ -185,11 +185,8 @@ class Constraint:
         return json_text({"format": FORMAT, "kind": self.kind, "constraint": self.content()})
 
 
-def parse_constraint(text: str, kind: str, file: str) -> Constraint:
-    """Read the constraint of a measurement.json.
-
-    kind: that the experiment states. Raises ExperimentError if the file is another one or has no constraint.
-    """
+def _parse(text: str, kind: str, file: str) -> dict[str, Any]:
+    """Parse a measurement.json of this kind. Raises ExperimentError if it is another file."""
     try:
         content = json.loads(text)
     except (ValueError, RecursionError):
@@ -199,7 +196,24 @@ def parse_constraint(text: str, kind: str, file: str) -> Constraint:
     found = content.get("kind")
     if found != kind:
         raise ExperimentError(f"{file}: holds a measurement of {found}; name it under [[{found}]], or measure {kind}")
-    known = content.get("constraint")
+    return content
+
+
+def sound_table(text: str, file: str) -> str:
+    """Name the file of clicks beside a measurement.json of sound. Raises ExperimentError if it is another file."""
+    files = _parse(text, "sound", file).get("files")
+    tables = [name for name in files if name.endswith(".csv")] if isinstance(files, dict) else []
+    if len(tables) != 1:
+        raise ExperimentError(f"{file}: names no table of clicks; {_REMEDY}")
+    return tables[0]
+
+
+def parse_constraint(text: str, kind: str, file: str) -> Constraint:
+    """Read the constraint of a measurement.json.
+
+    kind: that the experiment states. Raises ExperimentError if the file is another one or has no constraint.
+    """
+    known = _parse(text, kind, file).get("constraint")
     if known is None:
         raise ExperimentError(f"{file}: says nothing of the cradle's parameters; {_WHY[kind]}")
     check_schema(known, "constraint", f"{file}: constraint", _REMEDY)

@@ -14,9 +14,9 @@ import numpy as np
 
 from cradle_env.cradle import Cradle
 from cradle_env.release import Release
-from identification.experiment.csv_file import csv_text, parse_recording, read_recording
+from identification.experiment.constraint import KINDS, Constraint
+from identification.experiment.csv_file import csv_text
 from identification.experiment.experiment_file import FILE_NAME, experiment_text, read_experiment
-from identification.experiment.recording import Recording
 from identification.experiment.run import Prior, ReleaseInfo, Run, check_prior, check_run
 from identification.storage.files import ExperimentError, read_text, resolve_beside, write_together
 
@@ -38,12 +38,14 @@ class Experiment:
         Effect parameters that have no known value and are inferred, as "effect.key".
     path : Path, optional
         The experiment.toml from which the experiment was read.
+    constraints : tuple of Constraint
+        What instruments beside the runs say of the cradle.
 
     Raises
     ------
     ValueError
-        If a run does not fit the cradle, if a prior has an unknown name or allows impossible values, or if δ is to be
-        inferred although the runs state several.
+        If a run or a constraint does not fit the cradle, if a prior has an unknown name or allows impossible values, or
+        if δ is to be inferred although the runs state several.
 
     Examples
     --------
@@ -61,6 +63,7 @@ class Experiment:
     infer: Mapping[str, Prior] = field(default_factory=dict)
     unknown_effect_parameters: tuple[str, ...] = ()
     path: Path | None = None
+    constraints: tuple[Constraint, ...] = ()
 
     def __post_init__(self) -> None:
         if not self.runs:
@@ -75,6 +78,14 @@ class Experiment:
                 f"delta is to be inferred as one number for all runs, but they state {stated}; leave it out of [infer]"
                 " and infer spacer_offset.offset, which is added to the stated delta of each gap"
             )
+        # In the order in which an experiment.toml is read.
+        ordered = sorted(self.constraints, key=lambda constraint: KINDS.index(constraint.kind))
+        object.__setattr__(self, "constraints", tuple(ordered))
+        for constraint in self.constraints:
+            try:
+                constraint.check(self.cradle)
+            except ValueError as problem:
+                raise ValueError(f"{constraint.file}: {problem}") from None
         object.__setattr__(self, "infer", MappingProxyType(dict(self.infer)))
 
     @functools.cached_property
@@ -169,21 +180,18 @@ class Experiment:
     def from_texts(cls, texts: Mapping[str, str]) -> Experiment:
         """Parse an experiment from the texts of its files, by name, with errors as in `load`."""
 
-        def recording_of(file: str, bobs: int, impacts: bool) -> Recording:
+        def read(file: str) -> tuple[str, bytes]:
             if file not in texts:
                 raise ValueError(f"there is no file {file!r} beside it; there are {', '.join(map(repr, texts))}")
-            return parse_recording(file, texts[file], texts[file].encode(), bobs, impacts=impacts)
+            return texts[file], texts[file].encode()
 
         text = texts[FILE_NAME]
-        return cls._parse(text, None, text.encode(), recording_of)
+        return cls._parse(text, None, text.encode(), read)
 
     @classmethod
-    def _parse(
-        cls, text: str, path: Path | None, data: bytes, recording_of: Callable[[str, int, bool], Recording]
-    ) -> Experiment:
-        name = FILE_NAME if path is None else path.name
-        cradle, runs, infer, unknown, recorded = read_experiment(text, name, recording_of)
-        return cls(cradle, runs, infer, unknown, path).with_source(_digest(data, *recorded), text)
+    def _parse(cls, text: str, path: Path | None, data: bytes, read: Callable[[str], tuple[str, bytes]]) -> Experiment:
+        fields, recorded = read_experiment(text, FILE_NAME if path is None else path.name, read)
+        return cls(**fields, path=path).with_source(_digest(data, *recorded), text)
 
     def save(self, directory: str | Path) -> Path:
         """Write experiment.toml and its data files, in SI units.
@@ -205,22 +213,32 @@ class Experiment:
 
     def texts(self) -> dict[str, str]:
         """Texts of the files that `save` writes, by name, experiment.toml first."""
-        texts, runs = {FILE_NAME: ""}, []
-        for i, run in enumerate(self.runs, 1):
-            file, text = Path(Path(run.file).name.replace("\\", "_")), csv_text(run.times, run.readings, run.quantity)
+        texts, runs, constraints = {FILE_NAME: ""}, [], []
+
+        def add(name: str, text: str, number: int) -> str:
+            file = Path(name)
             while texts.setdefault(str(file), text) != text:  # data of the same name from another folder
-                file = file.with_stem(f"{file.stem}-{i}")
-            runs.append(dataclasses.replace(run, file=str(file)))
-        texts[FILE_NAME] = experiment_text(self.cradle, runs, self.infer, self.unknown_effect_parameters)
+                file = file.with_stem(f"{file.stem}-{number}")
+            return str(file)
+
+        for i, run in enumerate(self.runs, 1):
+            name, text = Path(run.file).name.replace("\\", "_"), csv_text(run.times, run.readings, run.quantity)
+            runs.append(dataclasses.replace(run, file=add(name, text, i)))
+        for i, constraint in enumerate(self.constraints, 1):
+            file = add(f"{constraint.kind}.json", constraint.text(), i)
+            constraints.append(dataclasses.replace(constraint, file=file))
+        texts[FILE_NAME] = experiment_text(
+            self.cradle, runs, self.infer, self.unknown_effect_parameters, constraints
+        )  # fmt: skip
         return texts
 
 
-def _in_folder(folder: Path) -> Callable[[str, int, bool], Recording]:
-    return lambda file, bobs, impacts: read_recording(resolve_beside(folder, file), bobs, impacts=impacts)
+def _in_folder(folder: Path) -> Callable[[str], tuple[str, bytes]]:
+    return lambda file: read_text(resolve_beside(folder, file))
 
 
 def _digest(*files: bytes) -> str:
     return hashlib.sha256(b"".join(hashlib.sha256(data).digest() for data in files)).hexdigest()
 
 
-__all__ = ["Experiment", "ExperimentError", "Prior", "ReleaseInfo", "Run"]
+__all__ = ["Constraint", "Experiment", "ExperimentError", "Prior", "ReleaseInfo", "Run"]

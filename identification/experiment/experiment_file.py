@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +12,8 @@ import numpy as np
 from cradle_env.cradle import Cradle
 from cradle_env.effects import MODELS, effect
 from cradle_env.release import Release
+from identification.experiment.constraint import KINDS, Constraint, parse_constraint, sound_table
+from identification.experiment.csv_file import parse_recording
 from identification.experiment.recording import Recording
 from identification.experiment.run import Prior, ReleaseInfo, Run, check_noise, check_prior, check_run
 from identification.storage.files import ExperimentError
@@ -21,14 +23,17 @@ FILE_NAME = "experiment.toml"
 FORMAT = "cradle-experiment/1"
 _CRADLE_KEYS = tuple(f.name for f in dataclasses.fields(Cradle) if f.name not in ("model", "effects"))
 _RUN_KEYS = ("file", "quantity", "release", "delta", "noise", "fit_from", "fit_to", "state", "rest")
+#: A run of impacts that `cradle measure sound` has written; others are in [[run]] tables with a quantity.
+SOUND = "sound"
+_SOUND_KEYS = tuple(key for key in _RUN_KEYS if key not in ("quantity", "rest"))
 _PRIOR_KEYS = ("mean", "sd", "low", "high")
 _PRIOR = "a prior, { mean = ..., sd = ... } or { low = ..., high = ... }"
 _RELEASE_KEYS = ("bobs", "angle", "angles", "angle_sd", "time_sd", "start")
 
 
 def read_experiment(
-    text: str, name: str, recording_of: Callable[[str, int, bool], Recording]
-) -> tuple[Cradle, tuple[Run, ...], dict[str, Prior], tuple[str, ...], list[bytes]]:
+    text: str, name: str, read: Callable[[str], tuple[str, bytes]]
+) -> tuple[dict[str, Any], list[bytes]]:
     """Read an experiment.toml.
 
     Parameters
@@ -37,19 +42,16 @@ def read_experiment(
         Text of the file.
     name : str
         Name of the file, for errors.
-    recording_of : callable
-        recording_of(file, bobs, impacts) reads a data file, of clicks if impacts is true. It raises ValueError if the
-        file may not be read.
+    read : callable
+        read(file) returns text and bytes of a file that the experiment names. It raises ValueError if the file may not
+        be read.
 
     Returns
     -------
-    cradle : Cradle
-    runs : tuple of Run
-    infer : dict of str to Prior
-    unknown : tuple of str
-        Effect parameters without a value, as "effect.key".
+    fields : dict
+        Of Experiment: cradle, runs, infer, unknown_effect_parameters and constraints.
     data : list of bytes
-        Content of each data file.
+        Content of each file that was read.
 
     Raises
     ------
@@ -57,7 +59,7 @@ def read_experiment(
         If the text is unusable.
     """
     top = Table.parse(name, text)
-    top.allow_only(("format", "cradle", "model", "run", "infer"), "table")
+    top.allow_only(("format", "cradle", "model", "run", SOUND, *KINDS, "infer"), "table")
     top.string("format", (FORMAT,))
     known = top.table("cradle") if "cradle" in top else Table(name, text, {})
     bobs = known.whole("bobs") if "bobs" in known else Cradle.bobs
@@ -65,19 +67,56 @@ def read_experiment(
     cradle = _read_cradle(known, model)
     infer = _read_priors(top.table("infer"), cradle) if "infer" in top else {}
     recordings: dict[tuple[str, bool], Recording] = {}
-    runs = []
-    for table in top.tables("run"):
-        table.allow_only(_RUN_KEYS)
-        file = table.string("file")
-        impacts = "quantity" in table and table.string("quantity", ("impacts",)) == "impacts"
+    runs: list[Run] = []
+
+    def add_run(table: Table, file: str, impacts: bool) -> None:
         if (file, impacts) not in recordings:
             with table.entry("file"):
-                recordings[file, impacts] = recording_of(file, cradle.bobs, impacts)
-        run = _read_run(table, file, recordings[file, impacts], cradle)
+                recordings[file, impacts] = parse_recording(Path(file).name, *read(file), cradle.bobs, impacts=impacts)
+        runs.append(_read_run(table, file, recordings[file, impacts], cradle))
         if not impacts:
             _check_magnitudes(recordings[file, impacts], cradle, infer.get("length"))
-        runs.append(run)
-    return cradle, tuple(runs), infer, unknown, [recording.data for recording in recordings.values()]
+
+    if "run" in top or SOUND not in top:
+        for table in top.tables("run"):
+            table.allow_only(_RUN_KEYS)
+            impacts = "quantity" in table and table.string("quantity", ("impacts",)) == "impacts"
+            add_run(table, table.string("file"), impacts)
+    measured: list[bytes] = []
+    if SOUND in top:
+        for table in top.tables(SOUND):
+            table.allow_only(_SOUND_KEYS)
+            file = table.string("file")
+            with table.entry("file"):
+                text_of, data = read(file)
+                measured.append(data)
+                clicks = Path(file).with_name(sound_table(text_of, file)).as_posix()
+            add_run(table, clicks, True)
+    constraints = tuple(_read_constraints(top, cradle, read, measured))
+    fields = {
+        "cradle": cradle,
+        "runs": tuple(runs),
+        "infer": infer,
+        "unknown_effect_parameters": unknown,
+        "constraints": constraints,
+    }
+    return fields, [*(recording.data for recording in recordings.values()), *measured]
+
+
+def _read_constraints(
+    top: Table, cradle: Cradle, read: Callable[[str], tuple[str, bytes]], measured: list[bytes]
+) -> Iterator[Constraint]:
+    """Read the instruments beside the runs; append the content of each file to `measured`."""
+    for kind in KINDS:
+        for table in top.tables(kind) if kind in top else ():
+            table.allow_only(("file",))
+            file = table.string("file")
+            with table.entry("file"):
+                text, data = read(file)
+                measured.append(data)
+                constraint = parse_constraint(text, kind, file)
+                constraint.check(cradle)
+                yield constraint
 
 
 def _read_model(table: Table, bobs: int) -> tuple[dict[str, Any], tuple[str, ...]]:
@@ -237,7 +276,11 @@ def _check_magnitudes(recording: Recording, cradle: Cradle, length: Prior | None
 
 
 def experiment_text(
-    cradle: Cradle, runs: Sequence[Run], infer: Mapping[str, Prior], unknown_effect_parameters: Sequence[str]
+    cradle: Cradle,
+    runs: Sequence[Run],
+    infer: Mapping[str, Prior],
+    unknown_effect_parameters: Sequence[str],
+    constraints: Sequence[Constraint] = (),
 ) -> str:
     """Format an experiment.toml in SI units; its data files are in the same folder."""
     lines = [f"format = {toml_text(FORMAT)}", "", "[cradle]"]
@@ -253,6 +296,8 @@ def experiment_text(
                 del release["bobs"]
             entries["release"] = release | {"angle_sd": run.release.angle_sd, "time_sd": run.release.time_sd}
         lines += ["", "[[run]]", *_entries(entries)]
+    for constraint in constraints:
+        lines += ["", f"[[{constraint.kind}]]", *_entries({"file": Path(constraint.file).name})]
     return "\n".join([*lines, *infer_lines(infer), ""])
 
 

@@ -1,4 +1,4 @@
-"""The posterior density of an experiment's unknowns: Gaussian noise about simulated readings, and priors."""
+"""The posterior density of an experiment's unknowns: noise about simulated readings, constraints and priors."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ _LAMBDA_GRID, _NONE = np.arange(int(WINDOW[1] * LAMBDA_RATE) + 1) / LAMBDA_RATE,
 
 
 class Likelihood:
-    """The posterior density of an experiment: Gaussian noise about the simulated readings, and the priors.
+    """The posterior density of an experiment: Gaussian noise about the simulated readings, constraints and priors.
 
     A point is a vector of sampled coordinates, one for each of `unknowns`.
 
@@ -256,6 +256,10 @@ class Likelihood:
             except ImpossibleModelError:
                 return -math.inf, math.nan
             total, rate = total + density, found if k == 0 else rate
+        try:
+            total -= 0.5 * float(np.sum(self.constraint_residuals(values) ** 2))
+        except ImpossibleModelError:
+            return -math.inf, math.nan
         return (total, rate) if math.isfinite(total) else (-math.inf, math.nan)
 
     def _log_density_of_run(
@@ -277,10 +281,10 @@ class Likelihood:
         return np.array(in_threads(self.log_density, list(points), self.workers))
 
     def residuals(self, point: np.ndarray) -> np.ndarray:
-        """Compute the residuals for least squares, (R + P,): readings over their noise, then the P normal priors.
+        """Compute the residuals for least squares, (R + P,): readings over their noise, then constraints and priors.
 
-        Missing readings are left out. The noise counts as known, so an unknown noise has no residual. Raises
-        ImpossibleModelError if a run is impossible.
+        P: quantities of the constraints, and normal priors. Missing readings are left out. The noise counts as known,
+        so an unknown noise has no residual. Raises ImpossibleModelError if a run is impossible.
         """
         parts = []
         for k, (run, rows) in enumerate(zip(self.experiment.runs, self.rows, strict=True)):
@@ -296,7 +300,16 @@ class Likelihood:
         prior = [
             (u.value(z) - u.mean) / u.sd for u, z in zip(self.unknowns, point, strict=True) if not math.isnan(u.sd)
         ]
-        return self.whiten(np.concatenate([*parts, np.array(prior)]))
+        return self.whiten(np.concatenate([*parts, self.constraint_residuals(self.values(point)), np.array(prior)]))
+
+    @raises_impossible
+    def constraint_residuals(self, values: Mapping[str, float]) -> np.ndarray:
+        """Residuals of the constraints, each with standard deviation 1; raises ImpossibleModelError."""
+        constraints = self.experiment.constraints
+        if not constraints:
+            return _NONE
+        cradle = self.cradle(values)
+        return np.concatenate([constraint.residuals(cradle) for constraint in constraints])
 
     def whiten(self, residuals: np.ndarray) -> np.ndarray:
         """Divide residuals (R,) or (R, M) over the weights of the noise model by impact-order noise as well."""
