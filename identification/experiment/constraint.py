@@ -74,7 +74,7 @@ def quantity_of(cradle: Cradle, name: str) -> float:
     if name == "contact_time_scale":
         return (reduced / cradle.k_el) ** 0.4
     if match := _DURATION.fullmatch(name):
-        return float(contact_times(cradle, float(match[1])))
+        return float(contact_times(cradle, np.array(float(match[1]))))
     if match := _GROUP.fullmatch(name):
         return cradle.b * (1.0 + quantity_of(cradle, "group_drag.slope") * float(neighbours(int(match[1]))))
     if name in FIELDS and name != "delta":

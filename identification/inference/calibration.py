@@ -15,15 +15,15 @@ from identification.experiment.train_test import training_rows
 from identification.experiment.unit_check import check_unit
 from identification.inference.checkpoint import Chains, Checkpoint
 from identification.inference.gap import Gap
-from identification.inference.impact_order_noise import estimate_impact_order_noise
 from identification.inference.laplace import laplace_approximation
 from identification.inference.least_squares import MIN_BOBS_WITH_IMPACT_ORDER, difference_jacobian
 from identification.inference.likelihood import Likelihood
 from identification.inference.linear_algebra import on_one_thread
 from identification.inference.mcmc import sample
-from identification.inference.mode_search import find_mode, refit
+from identification.inference.mode_search import refit
 from identification.inference.noise_model import rms, typical
 from identification.inference.nonsmooth import wide_difference_jacobian
+from identification.inference.normal_approximation import normal_approximation
 from identification.inference.posterior import Posterior
 from identification.inference.predictive_check import predictive_bound
 from identification.inference.search_options import DEFAULT, SearchOptions
@@ -106,12 +106,8 @@ def calibrate(
         folder.mkdir(parents=True, exist_ok=True)
         checkpoint = Checkpoint(folder / "chain.h5", likelihood, seed, search)
         if not checkpoint.exists():
-            weighted, mode = find_mode(likelihood, seed, report, search)
-            report("search", 0.95, "impact-order noise about the mode")
-            known, mode = estimate_impact_order_noise(weighted, mode, search)
-            inflations = weighted.noise_inflations(mode.point)
-            wider = dataclasses.replace(mode, covariance=max(inflations) * mode.covariance)
-            checkpoint.begin(wider, known.noise_model.impact_order, inflations)
+            known, mode = normal_approximation(likelihood, seed, report, search)
+            checkpoint.begin(mode, known.noise_model.impact_order, known.noise_model.inflations)
         likelihood = likelihood.with_noise(checkpoint.noise_model())
         verdict = sample(likelihood, checkpoint, steps=steps, max_steps=max_steps, progress=report, options=search)
         chains = checkpoint.read()
