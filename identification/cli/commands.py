@@ -32,7 +32,7 @@ from identification.number_format import (
 )
 from identification.reporting import result_files
 from identification.reporting.terminal import TerminalProgress, print_table
-from identification.reporting.verdicts import convergence_verdict, model_verdict
+from identification.reporting.verdicts import convergence_verdict, disagreement_warnings, model_verdict
 from identification.storage.lock import locks_output
 from identification.storage.stamps import check_replaceable, check_report
 
@@ -109,6 +109,8 @@ def calibrate(
     found = {**summary["parameters"], **({"λ": summary["lambda"]} if summary["lambda"] else {})}
     print_table(_COLUMNS, [_row(name, entry, entry["unit"]) for name, entry in found.items()])
     print(model_verdict(summary))
+    for warning in disagreement_warnings(summary):
+        print(f"cradle: {warning}", file=sys.stderr)
     print(f"report: {out / 'report.html'}")
     if not summary["converged"]:
         print(f"cradle: {convergence_verdict(summary)}", file=sys.stderr)

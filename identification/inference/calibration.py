@@ -14,6 +14,7 @@ from identification.experiment.experiment import Experiment
 from identification.experiment.train_test import training_rows
 from identification.experiment.unit_check import check_unit
 from identification.inference.checkpoint import Chains, Checkpoint
+from identification.inference.contributions import measure_contributions
 from identification.inference.gap import Gap
 from identification.inference.laplace import laplace_approximation
 from identification.inference.least_squares import MIN_BOBS_WITH_IMPACT_ORDER, difference_jacobian
@@ -115,7 +116,9 @@ def calibrate(
     rates = kept.newton_exponent if likelihood.gives_lambda else None
     posterior = Posterior(likelihood, kept.chain, kept.log_density, rates, verdict, Gap(np.nan, np.nan), seed)
     report("gap", 0.0, "fit to the training part")
-    return dataclasses.replace(posterior, gap=measure_gap(posterior, search))
+    gap = measure_gap(posterior, search)
+    contributions = measure_contributions(likelihood, posterior.best(), seed, report, search)
+    return dataclasses.replace(posterior, gap=gap, contributions=contributions)
 
 
 def _check_steps(name: str, steps: float) -> int:

@@ -19,6 +19,7 @@ from identification.experiment.noise import noise_gap_bound
 from identification.experiment.train_test import training_rows
 from identification.inference import posterior_display, posterior_plots
 from identification.inference.arviz_data import inference_data
+from identification.inference.contribution_plots import contribution_figure
 from identification.inference.gap import MISFIT_GAP
 from identification.inference.likelihood import TOLERANCE, shift_release_angle
 from identification.inference.posterior_file import read_posterior, write_posterior
@@ -256,6 +257,7 @@ class Posterior(Samples):
             "model_describes_data": self.describes_data,
             "misfit": self.misfit,
             "noise_inflation": list(self.likelihood.noise_model.inflations),
+            "contributions": None if self.contributions is None else self.contributions.content(),
             "at_bounds": {u.name: [u.low, u.high] for u in self.unknowns if u.name in self.at_bounds},
         }
 
@@ -300,6 +302,13 @@ class Posterior(Samples):
     def plot_fit(self) -> Figure:
         """Plot each bob's readings and the model's 95 % bands, without and with the noise."""
         return posterior_plots.fit_figure(self)
+
+    def plot_contributions(self) -> Figure:
+        """Plot the posterior of each source alone, of all, and of all without each.
+
+        Raises ValueError if the experiment has one source alone.
+        """
+        return contribution_figure(self)
 
     def __repr__(self) -> str:
         return posterior_display.line(self)

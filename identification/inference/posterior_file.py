@@ -14,6 +14,7 @@ import numpy as np
 
 from cradle_env import hdf5_files
 from identification.experiment.experiment import Experiment
+from identification.inference.contributions import Contributions
 from identification.inference.convergence import Convergence
 from identification.inference.gap import Gap
 from identification.inference.likelihood import Likelihood
@@ -65,7 +66,7 @@ def _group(file: Any, name: str, shape: tuple[int, ...]) -> Any:
 
 def attributes(samples: Samples) -> dict[str, Any]:
     """Attributes of posterior.nc from which `Posterior.load`, with the samples, makes the posterior again."""
-    gap = samples.gap
+    gap, told = samples.gap, samples.contributions
     by_bob = {part: values.tolist() for part, values in gap.rms.items()}
     return {
         "format": FORMAT,
@@ -76,6 +77,7 @@ def attributes(samples: Samples) -> dict[str, Any]:
         "convergence": json.dumps(dataclasses.asdict(samples.convergence)),
         "inflations": list(samples.likelihood.noise_model.inflations),
         "gap": json.dumps([gap.train, gap.held_out, by_bob, gap.allowed]),
+        "contributions": json.dumps(None if told is None else told.content()),
     }
 
 
@@ -121,6 +123,7 @@ def read_posterior(path: Path, workers: int | None = None) -> Samples:
         _convergence(path, known),
         _gap(path, known, likelihood.experiment.cradle.bobs),
         known["seed"],
+        _contributions(path, known),
     )
 
 
@@ -154,6 +157,13 @@ def _likelihood(path: Path, known: Mapping[str, Any], names: set[str], workers: 
 def _convergence(path: Path, known: Mapping[str, Any]) -> Convergence:
     content = parse_json(known["convergence"], "posterior-convergence", f"{path}: posterior.convergence", _REMEDY)
     return Convergence(**{**content, "reasons": tuple(content["reasons"])})
+
+
+def _contributions(path: Path, known: Mapping[str, Any]) -> Contributions | None:
+    """None also for a file of an earlier version."""
+    text = known.get("contributions", "null")
+    content = parse_json(text, "posterior-contributions", f"{path}: posterior.contributions", _REMEDY)
+    return None if content is None else Contributions.from_content(content)
 
 
 def _gap(path: Path, known: Mapping[str, Any], bobs: int) -> Gap:

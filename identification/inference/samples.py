@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from identification.experiment.experiment import Experiment
+from identification.inference.contributions import Contributions
 from identification.inference.convergence import Convergence
 from identification.inference.gap import Gap
 from identification.inference.likelihood import Likelihood
@@ -37,6 +38,8 @@ class Samples:
         RMS residuals over the noise, of a fit to the training part.
     seed : int
         Seed of all random numbers.
+    contributions : Contributions, optional
+        What each source contributes; None if there is one source alone.
     """
 
     likelihood: Likelihood
@@ -46,6 +49,7 @@ class Samples:
     convergence: Convergence
     gap: Gap
     seed: int = 0
+    contributions: Contributions | None = None
 
     @property
     def experiment(self) -> Experiment:

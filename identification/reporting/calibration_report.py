@@ -22,7 +22,7 @@ from identification.number_format import (
     unit_markup,
 )
 from identification.reporting.html_page import render_experiment
-from identification.reporting.verdicts import convergence_verdict, model_verdict
+from identification.reporting.verdicts import convergence_verdict, disagreement_warnings, model_verdict
 
 _MEANINGS = {
     "k_f": "viscoelastic dissipation in impacts",
@@ -44,6 +44,12 @@ _CAPTIONS = {
         "The Newton exponent λ and the fall of σ(t)",
         "Left: posterior density of λ with its 68 and 95 % intervals. Right: σ(t) over draws of the posterior, and"
         " exp(−λt) at the median λ.",
+    ),
+    "contributions.png": (
+        "What each measurement contributes",
+        "68 and 95 % intervals of each parameter from each source alone, from all of them, and from all without each;"
+        " – where they do not tell it. The intervals from all are those of the sampled posterior, and the bands repeat"
+        " them; the others are those of a normal approximation. Sources that disagree have red names.",
     ),
     "fit.png": (
         "The data and the model",
@@ -75,6 +81,7 @@ def calibration_html(posterior: Posterior, summary: Mapping[str, Any], pictures:
         summary=summary,
         convergence=convergence_verdict(summary),
         model=model_verdict(summary),
+        disagreements=disagreement_warnings(summary),
         rows=list(entries.values()),
         nuisance=[_row(posterior, name, found) for name, found in summary["nuisance"].items()],
         window=summary["lambda"]["window_s"] if summary["lambda"] else None,

@@ -26,7 +26,9 @@ PictureProgress = Callable[[float, str], None]
 
 #: The last file of a run or a calibration, the format of a run's, and the other files of each.
 SUMMARY, RUN_FORMAT, RUN_FILES = "summary.json", "cradle-run/1", ("trajectory.csv", "impacts.csv", "run.png")
-CALIBRATION_FILES = ("posterior.nc", "corner.png", "fit.png", "residuals.png", "lambda.png", "report.html")
+CALIBRATION_FILES = (
+    "posterior.nc", "corner.png", "fit.png", "residuals.png", "lambda.png", "contributions.png", "report.html"
+)  # fmt: skip
 #: The same of a prediction.
 PREDICTION, PREDICTION_FORMAT = "prediction.json", "cradle-prediction/1"
 PREDICTION_FILES = ("prediction.csv", "prediction.png")
@@ -98,7 +100,7 @@ def save_run(
 
 def save_calibration(posterior: Posterior, folder: Path, progress: PictureProgress = lambda *_: None) -> dict[str, Any]:
     """Write posterior.nc, the pictures, report.html and last summary.json; return its content."""
-    from identification.inference import posterior_plots, prediction_plots
+    from identification.inference import contribution_plots, posterior_plots, prediction_plots
     from identification.reporting.calibration_report import calibration_html
 
     summary = posterior.summary()
@@ -108,10 +110,13 @@ def save_calibration(posterior: Posterior, folder: Path, progress: PictureProgre
         posterior_plots.fit_figure,
         posterior_plots.residual_figure,
         prediction_plots.lambda_figure,
+        contribution_plots.contribution_figure,
     )
     draw = dict(zip(names, figures, strict=True))
     if not posterior.synchronizes:
         del draw["lambda.png"]
+    if posterior.contributions is None:
+        del draw["contributions.png"]
     pictures: dict[str, bytes] = {}
     for name, figure in draw.items():
         progress(len(pictures) / len(draw), name)

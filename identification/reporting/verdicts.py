@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from identification.number_format import format_number, format_ratio, unit_plain
+from identification.number_format import format_number, format_ratio, format_statistics, rounding_of, unit_plain
 
 
 def convergence_verdict(summary: Mapping[str, Any]) -> str:
@@ -45,3 +45,32 @@ def model_verdict(summary: Mapping[str, Any]) -> str:
         " the posterior in [cradle], or a prior in [infer]."
         for name, (low, high) in summary["at_bounds"].items()
     )
+
+
+def disagreement_warnings(summary: Mapping[str, Any]) -> list[str]:
+    """State which measurements disagree beyond their errors, a sentence or two each."""
+    found = summary["contributions"]
+    return [] if found is None else [_disagreement(found, one) for one in found["disagreements"]]
+
+
+def _disagreement(found: Mapping[str, Any], one: Mapping[str, Any]) -> str:
+    a, b = one["between"]
+    chance = f"(p = {format_number(one['p'], 2)})"
+    if a == b:
+        return (
+            f"The {a} disagrees with the model by itself {chance}: no parameters give all that it measured."
+            " An effect is missing; `cradle diagnose` looks for it."
+        )
+    name = one["parameter"]
+    shown = "" if name is None else f": {name} is {_value(found, a, name)} by {a}, and {_value(found, b, name)} by {b}"
+    return (
+        f"{a} and {b} disagree beyond their errors {chance}{shown}. An effect is missing, or one of them is wrong;"
+        " `cradle diagnose` tells which effect reconciles them."
+    )
+
+
+def _value(found: Mapping[str, Any], source: str, name: str) -> str:
+    """Format a parameter as one source alone gives it."""
+    statistics = found["alone"][source][name]
+    text, unit = format_statistics(statistics), unit_plain(found["units"][name], rounding_of(statistics).exponent)
+    return f"({text['median']} ± {text['sd']}) {unit}"
