@@ -1,0 +1,1 @@
+"""Joint posteriors of a run and three instruments, on data whose truth is known."""
