@@ -109,7 +109,7 @@ def contacts(
     files: Annotated[
         list[Path],
         typer.Argument(
-            metavar="FILE...", help="Traces: CSV (t [s],V [V]), .npy, .wav, or .raw with a header line of JSON."
+            metavar="FILE...", help="Traces: CSV of an oscilloscope, NumPy, WAV, or numbers behind a line of JSON."
         ),
     ],
     out: Out,
@@ -118,6 +118,7 @@ def contacts(
     step: Annotated[float, typer.Option(help="Smallest resistor, Ω. The others are 2, 4, … times as large.")] = 11.0,
     shunt: Annotated[float, typer.Option(help="Resistor across the oscilloscope, Ω.")] = 22.0,
     rate: Annotated[float | None, typer.Option(help="Sample rate in 1/s, if a file does not state it.")] = None,
+    channel: Annotated[int | None, typer.Option(help="Which channel of a CSV that has several, from 1.")] = None,
     speed: Annotated[
         list[float] | None,
         typer.Option(
@@ -139,7 +140,7 @@ def contacts(
         "contacts",
         out,
         lambda progress: measure_contacts(
-            files, circuit, cradle, rate=rate, speeds=speed, speed_sd=speed_sd, progress=progress
+            files, circuit, cradle, rate=rate, channel=channel, speeds=speed, speed_sd=speed_sd, progress=progress
         ),
         TABLE,
     )

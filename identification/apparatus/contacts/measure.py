@@ -134,6 +134,7 @@ def measure_contacts(
     cradle: Cradle | None = None,
     *,
     rate: float | None = None,
+    channel: int | None = None,
     speeds: Sequence[float] | None = None,
     speed_sd: float | None = None,
     progress: Progress = lambda *_: None,
@@ -143,13 +144,15 @@ def measure_contacts(
     Parameters
     ----------
     traces : sequence of path
-        CSV (t and volts, or volts), NumPy array, WAV, or raw numbers behind a header line of JSON; read in one pass.
+        CSV of an oscilloscope, NumPy array, WAV, or raw numbers behind a header line of JSON; read in one pass.
     circuit : Circuit
         Resistors and supply.
     cradle : Cradle, optional
         Mass, radius, E and ν, for k_f. The default cradle where omitted.
     rate : float, optional
         Samples per second, where a file does not state it.
+    channel : int, optional
+        Which channel of a CSV with several, from 1.
     speeds : sequence of float, optional
         Speed of the first impact of each trace [m/s]; their durations give k_f.
     speed_sd : float, optional
@@ -174,7 +177,7 @@ def measure_contacts(
         check_range("speed", speed, "m/s", 0.0, above=True)
     cradle, read, digests = cradle or Cradle(), [], []
     for k, path in enumerate(map(Path, traces)):
-        trace = open_trace(path, rate)
+        trace = open_trace(path, rate, channel)
         decoded = decode(trace, circuit, progress)
         digests.append(trace.digest.hexdigest())
         contacts = _contacts(decoded, len(circuit.resistances))

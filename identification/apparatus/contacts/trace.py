@@ -13,15 +13,17 @@ from typing import Any
 import numpy as np
 
 from cradle_env.errors import check_range
+from identification.apparatus.contacts.scope_csv import read_form
 from identification.storage.files import ExperimentError
 
 #: Samples in a block.
 BLOCK = 1 << 20
-#: Bytes of the header line of a raw file at most, and of a CSV that are read at a time.
-_HEADER, _TEXT = 4096, 1 << 22
-_SUFFIXES = ".csv, .npy, .wav, or .raw and .bin with a header line of JSON"
-#: Departure of the sampling interval from the mean, from which on a CSV is not evenly sampled.
-_UNEVEN = 0.01
+#: Bytes of the header line of a raw file at most.
+_HEADER = 4096
+#: First bytes of NumPy arrays, of WAV files, and of raw numbers behind a header of JSON.
+_NPY, _WAV, _RAW = b"\x93NUMPY", b"RIFF", b"{"
+#: First bytes of what makers store beside CSV: Tektronix .wfm and .isf, LeCroy .trc, Keysight .bin, and zipped files.
+_FOREIGN = (b":WFM#", b"\x0f\x0f", b"\xf0\xf0", b":WFMP", b":CURV", b"#9", b"AG10", b"AG03", b"PK\x03\x04")
 
 
 @dataclass
@@ -42,16 +44,23 @@ class Trace:
             yield block
 
 
-def open_trace(path: Path, rate: float | None) -> Trace:
-    """The trace in a file, by its suffix; rate [1/s] where the file does not state one, or a wrong one."""
+def open_trace(path: Path, rate: float | None, channel: int | None = None) -> Trace:
+    """The trace in a file, by its content.
+
+    rate: samples per second, where the file does not state them, or wrong ones; channel: of a CSV with several, from 1.
+    """
     if rate is not None:
         check_range("rate", rate, "1/s", 0.0, above=True)
-    readers = {".csv": _csv, ".txt": _csv, ".npy": _npy, ".wav": _wav, ".raw": _raw, ".bin": _raw}
-    if path.suffix.lower() not in readers:
-        raise ExperimentError(f"{path}: not a format that is read; export the trace as {_SUFFIXES}")
     if not path.is_file():
         raise ExperimentError(f"{path}: no such file; check the name and the folder")
-    return readers[path.suffix.lower()](path, rate)
+    with path.open("rb") as file:
+        head = file.read(16)
+    if head.startswith(_FOREIGN) or head[8:16] == b"WAVEDESC" or head[11:16] == b"WAVED":
+        raise ExperimentError(f"{path}: a format of one maker that is not read; export the trace as CSV")
+    for begin, reader in ((_NPY, _npy), (_WAV, _wav), (_RAW, _raw)):
+        if head.startswith(begin):
+            return reader(path, rate)
+    return _csv(path, rate, channel)
 
 
 def _needed(path: Path, rate: float | None) -> float:
@@ -120,54 +129,7 @@ def _wav(path: Path, rate: float | None) -> Trace:
     return Trace(path, rate or float(stated), count, blocks())
 
 
-def _csv(path: Path, rate: float | None) -> Trace:
-    """Columns t [s] and V [V], or V alone; lines before the first number are a header."""
-    with path.open("rb") as file:
-        head = file.read(_TEXT).decode("utf-8", "replace")
-    lines = head.replace("\r", "").split("\n")
-    first = next((k for k, line in enumerate(lines) if _numbers(line) is not None), None)
-    if first is None:
-        raise ExperimentError(f"{path}: no line of numbers; expected t [s],V [V] and samples")
-    rows = [row for line in lines[first : first + 2000] if (row := _numbers(line)) is not None]
-    columns = len(rows[0])
-    if columns not in (1, 2) or any(len(row) != columns for row in rows[:-1]):
-        raise ExperimentError(f"{path}, line {first + 1}: {columns} columns; expected t [s],V [V], or V [V] alone")
-    if columns == 2 and rate is None:
-        times = np.array([row[0] for row in rows if len(row) == 2])
-        rate = (len(times) - 1) / (times[-1] - times[0]) if len(times) > 1 and times[-1] > times[0] else None
-        if rate is None:
-            raise ExperimentError(f"{path}: its times do not grow; give --rate, as 2.5e9")
-        if np.abs(np.diff(times) * rate - 1.0).max() > _UNEVEN and len({*times}) == len(times):
-            raise ExperimentError(f"{path}: not evenly sampled, or its times are rounded; give --rate, as 2.5e9")
-
-    def blocks() -> Iterator[np.ndarray]:
-        with path.open(encoding="utf-8", errors="replace") as file:
-            for _ in range(first):
-                file.readline()
-            number = first
-            while lines := file.readlines(_TEXT):
-                volts = []
-                for line in lines:
-                    number += 1
-                    if not line.strip():
-                        continue
-                    row = _numbers(line)
-                    if row is None or len(row) != columns:
-                        raise ExperimentError(f"{path}, line {number}: {line.strip()[:40]!r} is no sample")
-                    volts.append(row[-1])
-                if volts:
-                    yield np.array(volts)
-
-    return Trace(path, _needed(path, rate), None, blocks())
-
-
-def _numbers(line: str) -> list[float] | None:
-    text = line.strip()
-    if not text or text.startswith("#"):
-        return None
-    if ";" in text or "\t" in text:
-        text = text.replace(",", ".").replace(";", " ").replace("\t", " ")
-    try:
-        return [float(part) for part in text.replace(",", " ").split()]
-    except ValueError:
-        return None
+def _csv(path: Path, rate: float | None, channel: int | None) -> Trace:
+    form = read_form(path, channel, rate)
+    stated = None if form.interval is None else 1.0 / form.interval
+    return Trace(path, _needed(path, rate or stated), None, form.blocks())
