@@ -12,7 +12,8 @@ import numpy as np
 
 from cradle_env.errors import unknown_key
 from identification.experiment.recording import find_delimiter, is_content, read_rows, split_header
-from identification.storage.files import ExperimentError, read_text
+from identification.experiment.text_encoding import decode
+from identification.storage.files import ExperimentError, read_bytes
 
 TIMES = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "ns": 1e-9}
 LENGTHS = {"m": 1.0, "mm": 1e-3, "cm": 1e-2, "um": 1e-6, "µm": 1e-6}
@@ -47,9 +48,11 @@ class Columns:
 def read_columns(path: Path, known: Mapping[str, Column]) -> Columns:
     """Reads a CSV with a header line such as "displacement [mm],force [N]"; commas, semicolons or tabs between columns.
 
-    Raises ExperimentError, one line, for a column that is not known, is needed and missing, or has another unit.
+    Any common encoding; decimal commas where no comma is between columns. Raises ExperimentError, one line, for a
+    column that is not known, is needed and missing, or has another unit.
     """
-    text, data = read_text(path)
+    data = read_bytes(path)
+    text, _ = decode(str(path), data)
     lines = text.split("\n")
     top = next((i for i, line in enumerate(lines) if is_content(line)), None)
     example = ",".join(f"{name} [{next(iter(column.units))}]" for name, column in known.items())

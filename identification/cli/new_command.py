@@ -11,7 +11,9 @@ from identification.cli.options import NoWorkers
 
 
 def new(
-    data: Annotated[Path, typer.Argument(metavar="DATA", help="A table with a header, or an export of Tracker.")],
+    data: Annotated[
+        Path, typer.Argument(metavar="DATA", help="A table with a header, a ZIP of phyphox, or an export of Tracker.")
+    ],
     out: Annotated[
         Path | None,
         typer.Option("--out", metavar="DIR",
@@ -35,6 +37,9 @@ def new(
     rate: Annotated[
         float | None, typer.Option("--rate", help="Frames per second, if the table counts frames and has no times.")
     ] = None,
+    run: Annotated[
+        str | None, typer.Option("--run", metavar="NAME", help="Which run to read, of a table that holds several.")
+    ] = None,
     mirror: Annotated[
         bool, typer.Option("--mirror", help="Change the sign of all readings. Positive must be towards the last bob.")
     ] = False,
@@ -51,7 +56,7 @@ def new(
     from identification.experiment.scaffold import scaffold
     from identification.experiment.table_columns import Columns
 
-    columns = Columns(time, dict(_parse_bob_column(text) for text in bob or ()), tuple(unit or ()), rate)
+    columns = Columns(time, dict(_parse_bob_column(text) for text in bob or ()), tuple(unit or ()), rate, run)
     path = scaffold(data, out, overwrite=overwrite, columns=columns, mirror=mirror, report=typer.echo)
     typer.echo(f"{path}: check each entry against your cradle, then: cradle calibrate {path} --out DIR")
 

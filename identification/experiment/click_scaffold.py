@@ -12,6 +12,7 @@ from identification.experiment.experiment_file import FORMAT
 from identification.experiment.plausibility import pendulum_length
 from identification.experiment.recording import Recording, find_delimiter, is_content, split_header
 from identification.experiment.text_encoding import decode
+from identification.experiment.zipped_table import is_zip
 from identification.storage.files import ExperimentError, read_bytes
 from identification.storage.toml_table import toml_text
 
@@ -29,6 +30,8 @@ def read_clicks(path: Path) -> tuple[Recording, float] | None:
     Returns the clicks and the median standard deviation of an instant [s].
     """
     data = read_bytes(path)
+    if is_zip(data):
+        return None
     name, text = path.name, decode(path.name, data)[0]
     content = [line for line in text.split("\n") if is_content(line)]
     top = content[0] if content else ""

@@ -32,17 +32,21 @@ _SPELLINGS = {
 _UNIT_OF = {spelling: unit for unit, others in _SPELLINGS.items() for spelling in (unit, *others.split())}
 _WORDS = {
     **dict.fromkeys("t time times timestamp elapsed zeit temps tiempo tempo".split(), "t"),
-    **dict.fromkeys("theta θ th angle angles ang phi φ deflection winkel ángulo angolo".split(), "theta"),
+    **dict.fromkeys("theta θ th angle angles ang phi φ deflection tilt winkel ángulo angolo".split(), "theta"),
     **dict.fromkeys("x xpos pos position displacement disp auslenkung".split(), "x"),
     **dict.fromkeys("frame frames step index idx sample image".split(), "frame"),
 }
 _BOB_WORDS = frozenset("bob ball mass pendulum sphere bead kugel".split())
-_FILLERS = frozenset("of in the from at rest horizontal".split())
+_FILLERS = frozenset("of in the from at rest horizontal up down sideways".split())
 #: Characters that are mistaken for the degree sign.
 _DEGREES = str.maketrans("º˚", "°°")
 _BRACKETS = re.compile(r"[\[(]\s*([^\])]*?)\s*[\])]")
 #: The run in labels: "Run 1: Time" of Logger Pro, "Time Run #1" of Capstone.
-_RUN = re.compile(r"^[^:]*:(?=\s*\S)|\brun\s*#?\s*\d+")
+_RUN = re.compile(r"^([^:]*):(?=\s*\S)|\b(run\s*#?\s*\d+)", re.IGNORECASE)
+#: The socket of a sensor in labels: "Angle, Ch P1" of Capstone.
+_SOCKET = re.compile(r",\s*ch\s+\w+")
+#: Units of quantities that move a bob but do not say where it is.
+_RATES = re.compile(r"[\[(]\s*(?:m|cm|mm|rad|deg|°)\s*/\s*s(?:\^?2|²)?\s*[\])]", re.IGNORECASE)
 
 
 @dataclass(frozen=True)
@@ -130,9 +134,28 @@ def parse_label_unit(label: str) -> Meaning:
     return Meaning(QUANTITY_OF.get(unit or "", ""), None, unit, odd)
 
 
+def run_of(label: str) -> str | None:
+    """The run that a label belongs to, as it writes it; None if it names none.
+
+    >>> run_of("Angle (rad) Run #2"), run_of("Latest: Time (s)"), run_of("Angle (rad)")
+    ('Run #2', 'Latest', None)
+    """
+    match = _RUN.search(label.strip())
+    return None if match is None else (match[1] or match[2] or "").strip() or None
+
+
+def is_rate(label: str) -> bool:
+    """Whether a label has the unit of a speed or an acceleration.
+
+    >>> is_rate("Gyroscope x (rad/s)"), is_rate("Angle (rad)")
+    (True, False)
+    """
+    return _RATES.search(label) is not None
+
+
 def _split_label(label: str) -> tuple[list[str], str | None, str | None]:
     """Split a label into its words and numbers, its unit if known, and its unit if unknown."""
-    text, unit, odd = _RUN.sub(" ", _normalize(label)), None, None
+    text, unit, odd = _SOCKET.sub(" ", _RUN.sub(" ", _normalize(label))), None, None
     for inside in _BRACKETS.findall(text):
         if inside in _UNIT_OF:
             unit = _UNIT_OF[inside]

@@ -12,10 +12,12 @@ from identification.experiment.column_meaning import (
     QUANTITY_OF,
     TABLE_UNITS,
     Meaning,
+    is_rate,
     parse_label,
     parse_label_unit,
     parse_unit,
     quantity_of,
+    run_of,
     same_label,
 )
 from identification.storage.files import ExperimentError
@@ -38,6 +40,8 @@ class Columns:
         Label of each bob's column, by its number, from 1. If given, only these columns are read.
     units : sequence of str
         Unit of the times, of the readings, or both; they override those in the file. "0.44 mm" is the size of a pixel.
+    run : str, optional
+        Which run to read, of a table with several: "Run #1" reads columns such as "Angle (rad) Run #1".
     rate : float, optional
         Frames per second [1/s], for a table with a column of frame numbers instead of times.
 
@@ -56,6 +60,7 @@ class Columns:
     bobs: Mapping[int, str] = field(default_factory=dict)
     units: Sequence[str] = ()
     rate: float | None = None
+    run: str | None = None
 
     def __post_init__(self) -> None:
         for unit in self.units:
@@ -137,6 +142,7 @@ def assign_columns(at: str, labels: Sequence[str], units: Sequence[str | None], 
         If there is no column of time or of a bob, or if two columns could be the same.
     """
     meanings = [_with_unit(parse_label(label), unit) for label, unit in zip(labels, units, strict=True)]
+    meanings = _in_one_run(at, labels, meanings, columns)
     bare = [_with_unit(parse_label_unit(label), unit) for label, unit in zip(labels, units, strict=True)]
     clock, clock_unit = _find_time(at, labels, meanings, bare, columns)
     found, quantity, notes = _find_bobs(at, labels, meanings, bare, clock, columns)
@@ -144,6 +150,24 @@ def assign_columns(at: str, labels: Sequence[str], units: Sequence[str | None], 
     return ColumnAssignment(
         clock, clock_unit, found, quantity, tuple(i for i in range(len(labels)) if i not in used), tuple(notes)
     )
+
+
+def _in_one_run(
+    at: str, labels: Sequence[str], meanings: Sequence[Meaning | None], columns: Columns
+) -> list[Meaning | None]:
+    """Leave out the columns of other runs than the one to read. Raises ExperimentError if it is not said which."""
+    runs = [run_of(label) if meaning else None for label, meaning in zip(labels, meanings, strict=True)]
+    found = list(dict.fromkeys(run for run in runs if run is not None))
+    wanted = columns.run
+    if wanted is None:
+        if len(found) < 2 or columns.time is not None or columns.bobs:
+            return list(meanings)
+        names = quote_labels(found)
+        raise ExperimentError(f'{at}: holds the runs {names}; say which to read: --run "{one_line(found[0])[1:-1]}"')
+    if not any(run is not None and same_label(run, wanted) for run in runs):
+        known = quote_labels(found) or "none that its labels name"
+        raise ExperimentError(f"{at}: there is no run {one_line(wanted)}; it holds {known}")
+    return [m if run is None or same_label(run, wanted) else None for m, run in zip(meanings, runs, strict=True)]
 
 
 def _with_unit(meaning: Meaning | None, unit: str | None) -> Meaning | None:
@@ -244,9 +268,10 @@ def _find_bobs(
         if any(m.quantity for _, m in candidates):  # then a label without a quantity is something else, such as a mass
             candidates = [(i, m) for i, m in candidates if m.quantity]
     if not candidates:
-        raise ExperimentError(
-            f'{at}: no column of a bob among {quote_labels(labels)}; say which they are: --bob 1="NAME" --bob 2="NAME"'
-        )
+        remedy = 'say which they are: --bob 1="NAME" --bob 2="NAME"'
+        if any(is_rate(label) for label in labels):
+            remedy = "speeds and accelerations do not tell where a bob is: export its angle or position"
+        raise ExperimentError(f"{at}: no column of a bob among {quote_labels(labels)}; {remedy}")
     quantity = quantity_of(stated) if stated else _choose_quantity(at, labels, candidates)
     others = [i for i, m in candidates if m.quantity not in ("", quantity)]
     if columns.bobs and others and not stated:

@@ -24,6 +24,7 @@ from identification.experiment.row_order import sort_rows
 from identification.experiment.table_columns import ColumnAssignment, Columns, assign_columns, quote_labels
 from identification.experiment.text_encoding import decode
 from identification.experiment.tracker_file import is_tracker, read_tracker
+from identification.experiment.zipped_table import unzip_table
 from identification.storage.files import ExperimentError, read_bytes
 
 #: Delimiters in the order in which they are tried; " " means any white space.
@@ -88,22 +89,22 @@ def read_table(path: Path, columns: Columns | None = None) -> Table:
         If the file is unusable or ambiguous; the message names the option that resolves the ambiguity.
     """
     columns = columns or Columns()
-    data = read_bytes(path)
-    text, encoding = decode(path.name, data)
+    name, data = unzip_table(path.name, read_bytes(path))
+    text, encoding = decode(name, data)
     lines = text.split("\n")
     if is_tracker(lines) and not columns.any:
-        recording = read_tracker(path.name, lines, None, data)
+        recording = read_tracker(name, lines, None, data)
         stated = StatedUnits(None, recording.unit)
         understood = [
             f"x_{bob} [{recording.unit}] is {label}" for bob, label in enumerate(recording.labels, 1) if label
         ]
     else:
-        recording, understood, stated = _read_columns(path.name, lines, data, columns)
+        recording, understood, stated = _read_columns(name, lines, data, columns)
     changed, changes = resolve_units(recording, stated, columns)
     understood = [*([] if encoding == "UTF-8" else [f"encoding: {encoding}"]), *understood, *changes]
-    if changed is recording and encoding == "UTF-8" and not columns.any:
+    if changed is recording and encoding == "UTF-8" and not columns.any and name == path.name:
         try:
-            return Table(parse_recording(path.name, text, data), tuple(understood), True)
+            return Table(parse_recording(name, text, data), tuple(understood), True)
         except ExperimentError:
             pass  # not in the strict form
     return Table(changed, tuple(understood), False)

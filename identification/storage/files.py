@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 #: Largest file to read [bytes]: about an hour of five bobs at 960 frames per second.
-_LARGEST = 2**28
+LARGEST = 2**28
 
 
 class ExperimentError(ValueError):
@@ -42,7 +42,7 @@ def read_bytes(path: Path) -> bytes:
     """Read the bytes of a file. Raises ExperimentError if it is missing, unreadable or larger than 256 MB."""
     try:
         with path.open("rb") as file:
-            data = file.read(_LARGEST + 1)
+            data = file.read(LARGEST + 1)
     except FileNotFoundError:
         raise ExperimentError(f"{path}: no such file; check the name and the folder") from None
     except IsADirectoryError:
@@ -50,8 +50,8 @@ def read_bytes(path: Path) -> bytes:
     except (OSError, ValueError) as error:
         reason = error.strerror if isinstance(error, OSError) else error
         raise ExperimentError(f"{str(path)!r}: cannot be read ({reason}); check the name and the permissions") from None
-    if len(data) > _LARGEST:
-        raise ExperimentError(f"{path}: is larger than {_LARGEST >> 20} MB; split it, or keep fewer readings")
+    if len(data) > LARGEST:
+        raise ExperimentError(f"{path}: is larger than {LARGEST >> 20} MB; split it, or keep fewer readings")
     return data
 
 

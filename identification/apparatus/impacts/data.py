@@ -14,7 +14,8 @@ from identification.apparatus.columns import SPEEDS, TIMES, Column, Columns, dig
 from identification.apparatus.impacts.flights import speeds_of
 from identification.experiment.csv_file import read_recording
 from identification.experiment.recording import is_content
-from identification.storage.files import ExperimentError, read_text
+from identification.experiment.text_encoding import decode
+from identification.storage.files import ExperimentError, read_bytes
 
 _MOST_BOBS = 9
 _SPEED, _TIME = Column(SPEEDS, needed=False), Column(TIMES, needed=False)
@@ -60,7 +61,7 @@ def read_impacts(
         raise ValueError("no file is given; name a table of speeds, of durations, or a recording of the bobs")
     passed, durations, digests = [], [], []
     for path in map(Path, paths):
-        text, _ = read_text(path)
+        text, _ = decode(str(path), read_bytes(path))
         header = next((line for line in text.split("\n") if is_content(line)), "")
         if "theta_" in header or "x_" in header or "\tx" in header:
             recording = read_recording(path)

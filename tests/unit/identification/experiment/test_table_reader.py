@@ -194,7 +194,7 @@ REFUSED = {
     "decimal commas": ("t,theta_1\n0,0,0,1\n", {}, ["4 fields", "2 columns", "semicolons"]),
     "decimal commas and a comment": ("t,theta_1,note\n0,0,0,1,good\n", {}, ["5 fields", "3 columns", "semicolons"]),
     "short row": ("t,theta_1,theta_2\n0,0,1\n1,0\n", {}, ["line 3", "2 fields", "3 columns"]),
-    "workbook": (b"PK\x03\x04 and so on", {}, ["is a workbook", "CSV"]),
+    "broken ZIP": (b"PK\x03\x04 and so on", {}, ["a damaged ZIP file", "export it again"]),
     "old workbook": (b"\xd0\xcf\x11\xe0 and so on", {}, ["is a workbook"]),
     "binary": (b"t,theta_1\n\x00\x01\x02", {}, ["not a text file"]),
     "stated rad": ("t,theta_1 [rad]\n0,13\n1,-12\n", {}, ["line 2", "13 rad is beyond a full turn", "--unit deg"]),
