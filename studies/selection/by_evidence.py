@@ -41,7 +41,9 @@ def repair_by_evidence(
 
     Names are refuted if the residual scan finds more than noise with them, or if held-out data contradict them.
     """
-    search = ModelSearch(fitted.experiment, searcher.store, searcher.workers, searcher.criteria)
+    search = ModelSearch(
+        fitted.experiment, searcher.store, searcher.workers, searcher.criteria, seed=seed, estimated=estimated
+    )  # fmt: skip
     best = search.run([fitted.point], progress)
     compared = search.ranked(best)
     for model in search.models.values():
@@ -53,7 +55,7 @@ def repair_by_evidence(
         return dataclasses.replace(found, p=found.residual_scan.p)
 
     base = scan(search.models[frozenset()])
-    decision = _decision(search, base, best, probability_of(best, compared))
+    decision = _decision(search, base, best, probability_of(search, best, compared))
     path = [Visit("the base model", base), Visit("compared, alone", base, decision)]
     law = None
     if best.names:

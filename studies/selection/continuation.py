@@ -59,6 +59,11 @@ class EarlyMisfit:
             if u.name in EARLY_PRIORS and math.isnan(u.sd)
         ]
 
+    @property
+    def readings(self) -> int:
+        """Number of readings that count."""
+        return self._of.reading_slices()[-1].stop
+
     def residuals(self, point: np.ndarray) -> np.ndarray:
         """Residuals at a point (D,), those of the weak priors last."""
         prior = [(point[i] - mean) / sd for i, mean, sd in self._priors]
@@ -89,6 +94,23 @@ def follow_early(likelihood: Likelihood, starts: Sequence[np.ndarray]) -> list[n
         for basin in basins[:WITH_NEIGHBOURS]:
             points += _kappa_neighbours(likelihood, basin, periods)
     return points
+
+
+def early_chi2(likelihood: Likelihood, point: np.ndarray) -> float:
+    """χ² at a point (D,) over the last horizon before all data; 0 where there is none."""
+    early = _last_horizon(likelihood)
+    return 0.0 if early is None else cost(early, point)
+
+
+def early_unit(likelihood: Likelihood, chi2: float) -> float:
+    """What one unit of χ² is worth beside a χ² over that horizon."""
+    early = _last_horizon(likelihood)
+    return 1.0 if early is None else chi2_scale(chi2, early.readings)
+
+
+def _last_horizon(likelihood: Likelihood) -> EarlyMisfit | None:
+    periods = horizons(likelihood)
+    return EarlyMisfit(likelihood, periods[-1]) if periods else None
 
 
 def approach_modes(likelihood: Likelihood, points: Sequence[np.ndarray]) -> list[Minimum]:

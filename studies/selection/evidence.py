@@ -12,9 +12,11 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.special import logsumexp
 
 from cradle_env.effects.declaration import Parameter
 from identification.diagnosis.selection.candidates import parameter_of
+from identification.diagnosis.selection.score_test import CandidateScore
 from identification.inference.fit_result import FitResult
 from identification.inference.least_squares import difference_jacobian
 from identification.inference.unknowns import Unknown
@@ -52,6 +54,26 @@ class LaplaceTerms:
         values = np.linalg.eigvalsh(H / np.outer(scale, scale))
         log_det = 2.0 * float(np.sum(np.log(scale))) + float(np.sum(np.log(np.maximum(values, _LEAST_EIGENVALUE))))
         return -0.5 * self.chi2 / inflation + self.log_prior + 0.5 * D * math.log(2.0 * math.pi) - 0.5 * log_det
+
+
+def linear_log_odds(fitted: FitResult, score: CandidateScore, inflation: float) -> float:
+    """ln evidence of a fit with a candidate over that without, to first order in its strengths.
+
+    The mean over the shapes of the candidate. Strengths have the priors of `log_prior`.
+    """
+    found = []
+    one_sided = all(p.one_sided for p in score.candidate.declaration.strengths)
+    for sensitivity in score.sensitivities:
+        S = fitted.project(sensitivity.S)
+        x = np.linalg.lstsq(S, -fitted.residuals)[0]
+        x = np.maximum(x, 0.0) if one_sided else x
+        gain = float(np.sum(fitted.residuals**2) - np.sum((fitted.residuals + S @ x) ** 2))
+        terms = [_cauchy(float(value), 1.0, one_sided) for value in x]
+        H = S.T @ S / inflation + np.diag([curvature for _, curvature in terms])
+        log_det = float(np.linalg.slogdet(H)[1])
+        prior = sum(density for density, _ in terms)
+        found.append(0.5 * gain / inflation + prior + 0.5 * len(x) * math.log(2.0 * math.pi) - 0.5 * log_det)
+    return float(logsumexp(found)) - math.log(len(found))
 
 
 def log_prior(u: Unknown, coordinate: float) -> tuple[float, float]:

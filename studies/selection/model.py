@@ -17,6 +17,7 @@ from studies.selection.continuation import (
     Basin,
     Minimum,
     approach_modes,
+    early_chi2,
     finish_modes,
     unit_of_chi2,
 )
@@ -78,6 +79,10 @@ class Model:
     def inflation(self) -> float:
         """c of its residuals."""
         return self.fitted.effective_sample.inflation
+
+    def early(self, what: str, find: Callable[[], Sequence[np.ndarray]]) -> list[Minimum]:
+        """Where early data led, with χ² over the last horizon. what: under which it is stored."""
+        return self._stored(what, lambda: [Minimum(p, early_chi2(self.likelihood, p)) for p in find()])
 
     def approach(self, what: str, starts: Callable[[], Sequence[np.ndarray]]) -> None:
         """Adds what is near the modes about several points (D,). what: under which it is stored.

@@ -14,6 +14,7 @@ import numpy as np
 
 from cradle_env.threads import in_threads
 from identification.diagnosis.criteria import DEFAULT_CRITERIA, Criteria, only_noise
+from identification.diagnosis.residuals.residual_tests import scan_residuals
 from identification.diagnosis.selection.candidates import (
     Candidate,
     list_candidates,
@@ -21,6 +22,7 @@ from identification.diagnosis.selection.candidates import (
     starts,
     with_effects,
 )
+from identification.diagnosis.selection.score_test import score
 from identification.diagnosis.selection.search import FitCache
 from identification.experiment.experiment import Experiment
 from identification.experiment.train_test import training_rows
@@ -29,7 +31,15 @@ from identification.inference.least_squares import cost
 from identification.inference.likelihood import Likelihood
 from identification.inference.start_points import flatten_values, point_at
 from identification.progress import Progress
-from studies.selection.continuation import MAX_DISTANCE, follow_early, screen_starts
+from studies.selection.continuation import (
+    MAX_DISTANCE,
+    Minimum,
+    early_chi2,
+    early_unit,
+    follow_early,
+    screen_starts,
+)
+from studies.selection.evidence import linear_log_odds
 from studies.selection.model import Model, Names
 
 #: Strengths from which a candidate starts on early data [declared scales]: basins exist in strengths, too.
@@ -40,6 +50,13 @@ EARLY_STARTS = 2
 LATE_STRENGTHS, LATE_STARTS = (0.01, 0.1, 1.0), 2
 #: Distance from the best model of a size within which others are compared [units of χ²]: 20 is e⁻¹⁰ in likelihood.
 FINISH_WITHIN = 20.0
+#: p of the residual scan from which on a model leaves so little that what it lacks is seen to first order.
+SETTLED = 0.1
+#: Replicates of the residual scan: at 1 % of 400, four are above.
+REPLICATES = 400
+#: Least gain in χ² to first order for which a candidate of a model that leaves only noise is fitted. Fewer units
+#: cannot pay for the prior of an effect, ln 30, and its strength.
+WORTH_A_FIT = 4.0
 #: Prior probability of each further effect over that of none further.
 ANOTHER = 0.5
 #: Models of each size that are extended where the best leaves more than noise; else the best alone is.
@@ -64,26 +81,52 @@ class Round:
     chosen: Model | None
 
 
+@dataclass(frozen=True, eq=False)
+class Beginning:
+    """A model that extends its parent by a candidate, and what the early data say of it.
+
+    early: where they led, with χ² over the last horizon before all data; none for a model that was met before.
+    parent_chi2: that of the parent's mode, where the candidate is absent.
+    """
+
+    parent: Model
+    candidate: Candidate
+    model: Model
+    early: list[Minimum]
+    parent_chi2: float
+
+    @property
+    def chi2(self) -> float:
+        """The least χ² over the early data that is known to be possible."""
+        return min([self.parent_chi2, *(one.chi2 for one in self.early)])
+
+
 @dataclass(eq=False)
 class ModelSearch:
     """All models visited, by the labels of their candidates, and the rounds of the search.
 
     experiment: with its noise stated. store: keeps what was found. workers: threads. criteria: say what noise is.
+    seed: of the residual scans. estimated: of each run, whether its noise was.
+    unfitted: sets that were judged to first order alone, with the set that they extend and the ln odds over it.
     """
 
     experiment: Experiment
     store: FitCache
     workers: int | None = None
     criteria: Criteria = DEFAULT_CRITERIA
+    seed: int = 0
+    estimated: tuple[bool, ...] = ()
     models: dict[Names, Model] = field(default_factory=dict)
+    unfitted: dict[Names, tuple[Names, float]] = field(default_factory=dict)
     rounds: list[Round] = field(default_factory=list)
+    _scans: dict[tuple[float, ...], float] = field(default_factory=dict)
 
     def run(self, known: Sequence[np.ndarray], progress: Progress) -> Model:
         """The model with the most evidence. known: points (D,) near modes of the base."""
         best = self.fit_base(known)
         front = [best]
         for size in range(1, MAX_EFFECTS + 1):
-            children = {child.names: child for parent in front for child in self.extend(parent, progress)}
+            children = {child.names: child for child in self.extend(front, progress)}
             near = self._finish_near_the_best([*children.values()])
             if not near:
                 break
@@ -113,24 +156,51 @@ class ModelSearch:
         self.models[base.names] = base
         return base
 
-    def extend(self, parent: Model, progress: Progress) -> list[Model]:
-        """The parent with each candidate more, approached from early data and from the parent's mode."""
+    def extend(self, parents: Sequence[Model], progress: Progress) -> list[Model]:
+        """Each parent with each candidate more, approached from early data and from the parent's mode.
+
+        All follow the early data first. Those that are then far behind the best of them go no further.
+        """
+        pairs = [(parent, candidate) for parent in parents for candidate in self._worth_a_fit(parent)]
+
+        def begin(i: int) -> Beginning | None:
+            parent, candidate = pairs[i]
+            progress("refit", 0.5 * i / len(pairs), f"{parent.label} + {candidate.label}")
+            return self._begin(parent, candidate)
+
+        def approach(i: int) -> Model:
+            progress("refit", 0.5 + 0.5 * i / len(begun), begun[i].model.label)
+            return self._approach(begun[i])
+
+        begun = [one for one in in_threads(begin, range(len(pairs)), self.workers) if one is not None]
+        best = min(begun, key=lambda one: one.chi2, default=None)
+        if best is not None:
+            limit = best.chi2 + MAX_DISTANCE * early_unit(best.model.likelihood, best.chi2)
+            begun = [one for one in begun if one.chi2 <= limit]
+        return [model for model in in_threads(approach, range(len(begun)), self.workers) if model.modes]
+
+    def _worth_a_fit(self, parent: Model) -> list[Candidate]:
+        """All candidates; of a model that leaves only noise those that gain enough to first order, and those that are
+        not seen to first order."""
         known = parent.likelihood.experiment.cradle
         candidates = [c for c in list_candidates(self.experiment.cradle) if not known.has(c.name)]
-
-        def approach(i: int) -> Model | None:
-            progress("refit", i / len(candidates), f"{parent.label} + {candidates[i].label}")
-            return self._approach(parent, candidates[i])
-
-        found = in_threads(approach, range(len(candidates)), self.workers)
-        return [model for model in found if model is not None and model.modes]
+        if self.scan_p(parent) < SETTLED:
+            return candidates
+        scores = score(parent.fitted, np.zeros((len(parent.fitted.residuals), 0))).scores
+        small = {s.candidate.label: s for s in scores if s.sensitivities and s.gain < WORTH_A_FIT}
+        count = len({c.name for c in list_candidates(self.experiment.cradle)})
+        for label, one in small.items():
+            odds = linear_log_odds(parent.fitted, one, parent.inflation) + math.log(ANOTHER / count)
+            self.unfitted[parent.names | {label}] = parent.names, odds
+        return [c for c in candidates if c.label not in small]
 
     def extended(self, parent: Model, label: str) -> Model:
         """The parent with a candidate more, finished; ImpossibleModelError if it has no motion."""
         model = self.models.get(parent.names | {label})
-        if model is None:
+        if model is None or not model.modes:
             candidate = next(c for c in list_candidates(self.experiment.cradle) if c.label == label)
-            model = self._approach(parent, candidate)
+            begun = self._begin(parent, candidate)
+            model = None if begun is None else self._approach(begun)
         if model is None or not model.modes:
             raise ImpossibleModelError(f"no motion with {label}")
         model.finish()
@@ -180,18 +250,26 @@ class ModelSearch:
             found.setdefault(model.effects, (model, own))
         return list(found.values())
 
+    def scan_p(self, model: Model) -> float:
+        """p of the residual scan of a model."""
+        key = tuple(model.fitted.point)
+        if key not in self._scans:
+            rng = np.random.default_rng(self.seed)
+            self._scans[key] = scan_residuals(model.fitted, model.fitted.replicates(REPLICATES, rng, self.estimated)).p
+        return self._scans[key]
+
+    def unfitted_odds(self, best: Model) -> list[float]:
+        """ln odds over the best model of what extends it and was judged to first order alone."""
+        return [odds for names, (parent, odds) in self.unfitted.items() if parent == best.names]
+
     def _likelihood(self, experiment: Experiment) -> Likelihood:
         return Likelihood(experiment, training_rows(experiment)[0], 1)
 
-    def _approach(self, parent: Model, candidate: Candidate) -> Model | None:
-        """The parent with a candidate, approached from its mode, and from early data when it is met first; None where
-        there is no motion."""
-        names = parent.names | {candidate.label}
-        what = f"{sorted(parent.names)} at {parent.fitted.point.tolist()}"
+    def _begin(self, parent: Model, candidate: Candidate) -> Beginning | None:
+        """The parent with a candidate, followed over the early data if it is new; None where there is no motion."""
+        names, parent_chi2 = parent.names | {candidate.label}, early_chi2(parent.likelihood, parent.fitted.point)
         if names in self.models:
-            model = self.models[names]
-            model.approach(f"from {what}", lambda: self._late_starts(parent, model, candidate))
-            return model
+            return Beginning(parent, candidate, self.models[names], [], parent_chi2)
         experiment = parent.likelihood.experiment
         own = matching_candidate(experiment.cradle, candidate)
         try:
@@ -201,10 +279,17 @@ class ModelSearch:
         except ImpossibleModelError:
             return None
         self.models[names] = new = Model(names, parent.effects | {*own.effects}, likelihood, self.store)
-        new.approach(
-            f"first from {what}", lambda: [*_early(parent, new, own), *self._late_starts(parent, new, candidate)]
+        what = f"early from {sorted(parent.names)} at {parent.fitted.point.tolist()}"
+        return Beginning(parent, candidate, new, new.early(what, lambda: _early(parent, new, own)), parent_chi2)
+
+    def _approach(self, begun: Beginning) -> Model:
+        """A model that was begun, approached from where the early data led and from the parent's mode."""
+        parent, model, candidate = begun.parent, begun.model, begun.candidate
+        model.approach(
+            f"{len(begun.early)} from {sorted(parent.names)} at {parent.fitted.point.tolist()}",
+            lambda: [*(one.point for one in begun.early), *self._late_starts(parent, model, candidate)],
         )
-        return new
+        return model
 
     def _approach_from(self, model: Model, other: Model) -> None:
         """Finishes a model from the mode of another one, unless that lies in the basin of its best mode."""

@@ -9,15 +9,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from identification.diagnosis.criteria import DEFAULT_CRITERIA, exceeds_allowed_gap
-from identification.diagnosis.residuals.residual_tests import scan_residuals
 from identification.diagnosis.selection.search import FitCache
 from identification.experiment.experiment import Experiment
 from identification.inference.fit_result import with_known_noise
 from studies.selection.model import Model
 from studies.selection.model_search import ModelSearch, Round
-
-#: Replicates of the residual scan: at 1 % of 400, four are above.
-REPLICATES = 400
 
 
 @dataclass(frozen=True)
@@ -51,9 +47,11 @@ def select_effects(experiment: Experiment, seed: int = 0, workers: int | None = 
     leaves only noise stays right, for its own uncertainty makes long predictions fail by chance.
     """
     estimated = tuple(run.noise is None for run in experiment.runs)
-    search = ModelSearch(with_known_noise(experiment), FitCache(None, ""), workers)
+    search = ModelSearch(
+        with_known_noise(experiment), FitCache(None, ""), workers, seed=seed, estimated=estimated
+    )  # fmt: skip
     best = search.run([], lambda *_: None)
-    scan_p = _scan(best, estimated, seed)
+    scan_p = search.scan_p(best)
     gap, bound = best.fitted.held_out_gap(), best.fitted.predictive_bound
     refuted = bool(best.names) and exceeds_allowed_gap(gap, bound)
     compared = search.ranked(best)
@@ -66,10 +64,18 @@ def select_effects(experiment: Experiment, seed: int = 0, workers: int | None = 
         verdict = "named" if len(sets) == 1 else "equivalent"
     margin = compared[0][1] - compared[1][1] if len(compared) > 1 else math.inf
     return Selection(
-        verdict, tuple((tuple(sorted(model.effects)), odds) for model, odds in sets),
-        tuple((tuple(sorted(model.names)), odds) for model, odds in compared), probability_of(best, compared), margin,
-        scan_p, gap, bound, best.chi2, best.fitted.count, tuple(_line(round_) for round_ in search.rounds),
-    )  # fmt: skip
+        verdict,
+        tuple((tuple(sorted(model.effects)), odds) for model, odds in sets),
+        tuple((tuple(sorted(model.names)), odds) for model, odds in compared),
+        probability_of(search, best, compared),
+        margin,
+        scan_p,
+        gap,
+        bound,
+        best.chi2,
+        best.fitted.count,
+        tuple(_line(round_) for round_ in search.rounds),
+    )
 
 
 def rivals(best: Model, compared: Sequence[tuple[Model, float]]) -> list[tuple[Model, float]]:
@@ -78,10 +84,11 @@ def rivals(best: Model, compared: Sequence[tuple[Model, float]]) -> list[tuple[M
     return [(m, o) for m, o in compared if o > close and not (m.effects >= best.effects or m.effects <= best.effects)]
 
 
-def probability_of(best: Model, compared: Sequence[tuple[Model, float]]) -> float:
-    """That of the best set of effects among all sets compared."""
+def probability_of(search: ModelSearch, best: Model, compared: Sequence[tuple[Model, float]]) -> float:
+    """That of the best set of effects among all sets compared, and those judged to first order alone."""
     odds = {model.effects: own for model, own in compared}
-    return float(1.0 / np.exp(np.array([*odds.values()]) - odds[best.effects]).sum())
+    others = [*(own - odds[best.effects] for own in odds.values()), *search.unfitted_odds(best)]
+    return float(1.0 / np.exp(np.array(others)).sum())
 
 
 def _line(round_: Round) -> str:
@@ -89,8 +96,3 @@ def _line(round_: Round) -> str:
     pairs = zip(round_.compared, round_.odds, strict=False)
     tried = "; ".join(f"{m.label} χ² {m.chi2:.1f}, ln odds {odds:+.1f}" for m, odds in [*pairs][:5])
     return f"{round_.before.label} χ² {round_.before.chi2:.1f}; {tried}"
-
-
-def _scan(model: Model, estimated: tuple[bool, ...], seed: int) -> float:
-    replicates = model.fitted.replicates(REPLICATES, np.random.default_rng(seed), estimated)
-    return scan_residuals(model.fitted, replicates).p
