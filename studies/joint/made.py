@@ -43,14 +43,17 @@ def draw(arm: str, number: int) -> Case:
     """The case of that number."""
     rng = np.random.default_rng([ARMS.index(arm), number])
     truth = {"k_f": rng.uniform(12e3, 25e3), "kappa": rng.uniform(150.0, 260.0), "b": rng.uniform(1e-3, 4e-3)}
-    return Case(number, arm, truth, rng.uniform(6.0, 20.0), rng.uniform(1e-3, 3e-3), int(rng.integers(2**31)))
+    duration, noise = rng.uniform(6.0, 20.0), rng.uniform(1e-3, 3e-3)
+    if arm == "group drag":  # bobs come close to each other the longer they swing
+        duration, noise = rng.uniform(30.0, 45.0), 1e-3
+    return Case(number, arm, truth, duration, noise, int(rng.integers(2**31)))
 
 
 def write(case: Case, folder: Path) -> Experiment:
     """Make the data of a case, measure them, and read the experiment that joins them."""
     rng = np.random.default_rng(case.seed)
     known = {name: value * rng.uniform(0.9, 1.1) for name, value in case.truth.items()}
-    effects = {"group_drag": {"slope": 0.4, "range": 0.005}} if case.arm == "group drag" else {}
+    effects = {"group_drag": {"slope": 1.0, "range": 0.005}} if case.arm == "group drag" else {}
     soft = SoftCradle(2, stiffness_factor=_STIFF, effects=effects, **case.truth)
     angle = rng.uniform(0.15, 0.25)
     run = record(soft, {2: angle}, duration=case.duration, noise=case.noise, seed=int(rng.integers(2**31)))

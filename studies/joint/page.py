@@ -66,8 +66,9 @@ def _warnings(rows: Sequence[dict[str, Any]]) -> Iterator[str]:
     yield from (
         "## Warnings that two sources disagree",
         "",
-        "The other string is 5 % stiffer, the other balls have 25 % more k_f. Group drag: b grows by 40 % for a bob",
-        "that has a neighbour in touch (`group_drag`); the ring-down of one bob does not show it.",
+        "The other string is 5 % stiffer, the other balls have 25 % more k_f. Group drag: b doubles for a bob that has",
+        "a neighbour in touch (`group_drag`); the ring-down of one bob does not show it. These runs last 30 to 45 s",
+        "and have 1 mrad.",
         "",
         "| what is wrong | cases | warned | the wrong source among them | `diagnose` names it or an equivalent |",
         "|---|---|---|---|---|",

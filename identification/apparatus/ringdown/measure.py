@@ -57,6 +57,8 @@ class RingdownMeasurement(Measurement):
         The law of b_n; None for one group.
     evidence : mapping of str to float
         BIC of each set of terms less the smallest, by its terms joined with "+"; "" is b alone.
+    fullest : tuple of Fit
+        Fits of the recordings with all terms.
     """
 
     kind: ClassVar[str] = "ringdown"
@@ -71,6 +73,7 @@ class RingdownMeasurement(Measurement):
     groups: Mapping[int, tuple[float, float]]
     law: GroupLaw | None
     evidence: Mapping[str, float]
+    fullest: tuple[Fit, ...]
 
     @property
     def terms(self) -> tuple[str, ...]:
@@ -105,22 +108,26 @@ class RingdownMeasurement(Measurement):
         }
 
     def constraint(self) -> Constraint:
-        """b_n of each group, and the terms in addition; errors are increased if recordings scatter by more."""
-        groups = [f"b_{n}" for n in self.groups]
-        names = [*groups, *self.terms]
+        """b_n of each group, c2 and τ_c, by fits with all terms.
+
+        A model without quadratic drag and Coulomb friction then has the b of a fit without them, and a model with them
+        is not told more than the recordings tell. Errors are increased if recordings scatter by more.
+        """
+        groups, terms = [f"b_{n}" for n in self.groups], STRUCTURES[-1]
+        names = [*groups, *terms]
         information, weighted, squares = np.zeros((len(names), len(names))), np.zeros(len(names)), 0.0
-        for one in self.recordings:
-            rows = [one.fit.names.index(name) for name in self._names()]
-            places = [names.index(f"b_{one.fit.swing.bobs}"), *range(len(groups), len(names))]
-            found, precision = one.fit.parameters[rows], np.linalg.inv(one.fit.covariance[np.ix_(rows, rows)])
+        for one in self.fullest:
+            rows = [one.names.index(name) for name in ("b", *terms)]
+            places = [names.index(f"b_{one.swing.bobs}"), *range(len(groups), len(names))]
+            found, precision = one.parameters[rows], np.linalg.inv(one.covariance[np.ix_(rows, rows)])
             information[np.ix_(places, places)] += precision
             weighted[places] += precision @ found
             squares += float(found @ precision @ found)
         covariance = np.linalg.inv(information)
         mean = covariance @ weighted
-        free = len(self.recordings) * len(self._names()) - len(names)
+        free = len(self.fullest) * (1 + len(terms)) - len(names)
         wider = max(1.0, (squares - float(mean @ weighted)) / free) if free else 1.0
-        quantities = (*groups, *(f"{name}.{TERMS[name]}" for name in self.terms))
+        quantities = (*groups, *(f"{name}.{TERMS[name]}" for name in terms))
         mass = self.recordings[0].fit.swing.cradle.mass
         return Constraint("ringdown", quantities, mean, wider * covariance, {"mass": mass})
 
@@ -202,7 +209,8 @@ def measure_ringdown(
     values = _values(made, groups, law, terms)
     warnings = _warnings(made, law, assumed)
     findings = _findings(made, groups, law, terms, evidence)
-    return RingdownMeasurement(values, findings, warnings, inputs, 0, tuple(made), groups, law, evidence)
+    fullest = tuple(structures[STRUCTURES[-1]])
+    return RingdownMeasurement(values, findings, warnings, inputs, 0, tuple(made), groups, law, evidence, fullest)
 
 
 def _bic(structures: Mapping[tuple[str, ...], Sequence[Fit]]) -> dict[tuple[str, ...], float]:

@@ -56,7 +56,17 @@ def test_the_terms_that_act_are_found_and_no_others(tmp_path, damping, terms):
         assert value.sd < 0.2 * truth  # of two that act alike, 40 s at 60 readings a second tell no more
     assert not found.warnings
     effects = {term: {term_key: damping[term_key]} for term in terms for term_key in damping if term_key != "b"}
-    assert (np.abs(found.constraint().residuals(RIGID.replace(b=damping["b"], effects=effects))) < 4.0).all()
+    constraint = found.constraint()
+    assert (np.abs(constraint.residuals(RIGID.replace(b=damping["b"], effects=effects))) < 4.0).all()
+    # A model that takes the whole damping for another kind is told to be wrong, and one of b alone has its own b.
+    other = {"quadratic_drag": {"c2": 5.0 * damping["b"]}}
+    assert np.abs(constraint.residuals(RIGID.replace(b=0.0, effects=other))).max() > 10.0
+    if not terms:
+        b = damping["b"] + np.array([-1.0, 1.0]) * found.values["b_1"].sd
+        low, high = (np.sum(constraint.residuals(RIGID.replace(b=one)) ** 2) for one in b)
+        mean = found.values["b_1"].median
+        below, above = (((one - mean) / found.values["b_1"].sd) ** 2 for one in b)
+        assert low - high == pytest.approx(below - above, abs=0.3)  # by the estimates of noise, a few percent
 
 
 def test_what_the_strings_take_is_not_drag(tmp_path):
@@ -81,7 +91,8 @@ def test_drag_against_the_number_of_bobs_feeds_group_drag(tmp_path):
     assert found.values["slope"].sd < 0.02
     assert 'effects = ["group_drag"]' in found.experiment_toml()
     constraint = found.constraint()
-    assert constraint.quantities == ("b_1", "b_2", "b_4") and constraint.assumed == {"mass": MASS}
+    assert constraint.quantities == ("b_1", "b_2", "b_4", "quadratic_drag.c2", "pivot_friction.tau_c")
+    assert constraint.assumed == {"mass": MASS}
     grouped = RIGID.replace(b=b, effects={"group_drag": {"slope": slope, "range": 0.005}})
     assert (np.abs(constraint.residuals(grouped)) < 4.0).all()
     assert np.abs(constraint.residuals(RIGID.replace(b=b))).max() > 10.0  # without group_drag all b_n are one
