@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from identification.diagnosis.repair import RepairResult
-from identification.diagnosis.selection.model_comparison import Decision
+from identification.diagnosis.selection.model_comparison import Comparison
 from identification.inference.fit_result import FitResult
 from identification.inference.impossible_model import ImpossibleModelError
 from identification.number_format import format_number, format_ratio, typographic_minus
@@ -36,13 +36,13 @@ def path_content(repaired: RepairResult) -> list[dict[str, Any]]:
             "readings": visit.model.fitted.count,
             "p": visit.model.p,
             "held_out_gap": _held_out_gap(visit.model.fitted),
-            "candidates": None if visit.decision is None else _candidates(visit.decision),
+            "candidates": None if visit.comparison is None else _candidates(visit.comparison),
         }
         for visit in repaired.path
     ]
 
 
-def _candidates(decision: Decision) -> list[dict[str, Any]]:
+def _candidates(comparison: Comparison) -> list[dict[str, Any]]:
     return [
         {
             "effect": refit.candidate.name,
@@ -52,9 +52,9 @@ def _candidates(decision: Decision) -> list[dict[str, Any]]:
             "log_evidence": refit.log_evidence,
             "p": refit.p,
             "held_out_gap": refit.gap if math.isfinite(refit.gap) else None,
-            "chosen": decision.chosen is not None and refit.candidate == decision.chosen.candidate,
+            "chosen": comparison.chosen is not None and refit.candidate == comparison.chosen.candidate,
         }
-        for refit in decision.refits
+        for refit in comparison.refits
     ]
 
 

@@ -477,7 +477,8 @@ def diagnose_case(path: Path, out: Path, answer: dict) -> dict:
     row = bench.row(content, answer) | {"seconds": round(time.process_time() - began, 1)}
     write_together(out, {"diagnosis.json": json_text(content)})
     hidden, first = set(answer["effects"]), diagnosis.repaired.examined[0].fitted
-    refits = [refit for decision in diagnosis.repaired.decisions[:1] for refit in decision.refits]
+    alone = diagnosis.repaired.comparison
+    refits = () if alone is None else alone.refits
     right = [refit.fitted.chi2 for refit in refits if refit.candidate.name in hidden]
     wrong = [refit.fitted.chi2 for refit in refits if refit.candidate.name not in hidden | _same(hidden)]
     if right and len(hidden) == 1:

@@ -60,6 +60,9 @@ which keeps every case. A case is an experiment of 45 s with one run and one lif
 soft-contact reference. It hides one effect, two effects, none, or a force that is in no catalogue. Δχ² is the
 excess in χ² of the best wrong model over the right one on noiseless data. Brackets hold 95 % intervals.
 
+**All rows were judged by an earlier selection**, which added effects one by one. The search by evidence has replaced
+it; `studies/selection/results.md` compares the two on cases of this table.
+
 **Held out** are rounds {HELD_OUT} to {ROUNDS - 1}. Each case was judged once, by a procedure that was not tuned to
 it. If a miss led to a change of the procedure, only later rounds were judged with it. During the rounds before
 {EARLIER} the procedure was still being changed. Three changes came from misses of these rounds:

@@ -2,18 +2,13 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 
-import numpy as np
-
 from identification.diagnosis.criteria import DEFAULT_CRITERIA, exceeds_allowed_gap
+from identification.diagnosis.selection.model_search import ModelSearch, Round
 from identification.diagnosis.selection.search import FitCache
 from identification.experiment.experiment import Experiment
 from identification.inference.fit_result import with_known_noise
-from studies.selection.model import Model
-from studies.selection.model_search import ModelSearch, Round
 
 
 @dataclass(frozen=True)
@@ -54,21 +49,20 @@ def select_effects(experiment: Experiment, seed: int = 0, workers: int | None = 
     scan_p = search.scan_p(best)
     gap, bound = best.fitted.held_out_gap(), best.fitted.predictive_bound
     refuted = bool(best.names) and exceeds_allowed_gap(gap, bound)
-    compared = search.ranked(best)
-    sets = [(best, 0.0), *rivals(best, compared)]
+    ranking = search.rank(best)
+    sets = [(best, 0.0), *((m, o) for m, o in ranking.compared if m in ranking.rivals)]
     if scan_p < DEFAULT_CRITERIA.significance_level or refuted:
         verdict = "unknown"
     elif not best.names:
         verdict = "nothing_missing"
     else:
         verdict = "named" if len(sets) == 1 else "equivalent"
-    margin = compared[0][1] - compared[1][1] if len(compared) > 1 else math.inf
     return Selection(
         verdict,
         tuple((tuple(sorted(model.effects)), odds) for model, odds in sets),
-        tuple((tuple(sorted(model.names)), odds) for model, odds in compared),
-        probability_of(search, best, compared),
-        margin,
+        tuple((tuple(sorted(model.names)), odds) for model, odds in ranking.compared),
+        ranking.probability,
+        ranking.margin,
         scan_p,
         gap,
         bound,
@@ -76,19 +70,6 @@ def select_effects(experiment: Experiment, seed: int = 0, workers: int | None = 
         best.fitted.count,
         tuple(_line(round_) for round_ in search.rounds),
     )
-
-
-def rivals(best: Model, compared: Sequence[tuple[Model, float]]) -> list[tuple[Model, float]]:
-    """Models within 3 nats of the best. One that holds its effects, or a part of them, is no rival explanation."""
-    close = -DEFAULT_CRITERIA.equivalent_log_odds
-    return [(m, o) for m, o in compared if o > close and not (m.effects >= best.effects or m.effects <= best.effects)]
-
-
-def probability_of(search: ModelSearch, best: Model, compared: Sequence[tuple[Model, float]]) -> float:
-    """That of the best set of effects among all sets compared, and those judged to first order alone."""
-    odds = {model.effects: own for model, own in compared}
-    others = [*(own - odds[best.effects] for own in odds.values()), *search.unfitted_odds(best)]
-    return float(1.0 / np.exp(np.array(others)).sum())
 
 
 def _line(round_: Round) -> str:

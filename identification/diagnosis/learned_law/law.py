@@ -7,9 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from identification.diagnosis.criteria import Criteria
-from identification.diagnosis.learned_law.terms import MAX_TERMS, Scales, Term, selection_cost, selection_cost_beside
-from identification.diagnosis.selection.model_comparison import log_evidence
+from identification.diagnosis.learned_law.terms import Scales, Term, selection_cost, selection_cost_beside
+from identification.diagnosis.selection.model_comparison import schwarz_evidence
 from identification.experiment.unit_check import readings_from_rest
 from identification.inference.fit_result import FitResult
 
@@ -40,7 +39,7 @@ class LearnedLaw:
         It subtracts what the choice of the terms from the library costs.
         """
         more = len(self.fitted.point) - len(self.before.point)
-        gained = log_evidence(self.before.chi2 - self.fitted.chi2, more, inflation, effective)
+        gained = schwarz_evidence(self.before.chi2 - self.fitted.chi2, more, inflation, effective)
         return gained - selection_cost_beside(self.before, len(self.terms))
 
     def is_better_than(self, other: LearnedLaw) -> bool:
@@ -58,22 +57,8 @@ def evidence_over_effects(law: LearnedLaw, named: FitResult) -> float:
     rival = law.fitted
     inflation, effective = min((named, rival), key=lambda one: one.chi2).effective_sample
     more = len(rival.point) - len(named.point)
-    gained = log_evidence(named.chi2 - rival.chi2, more, inflation, effective)
+    gained = schwarz_evidence(named.chi2 - rival.chi2, more, inflation, effective)
     return gained - selection_cost(rival.cradle, len(law.terms))
-
-
-def can_outdo(before: FitResult, named: FitResult, criteria: Criteria) -> bool:
-    """Whether a law on a model could win against effects that leave only noise.
-
-    It cannot save χ² against them, so it can only win with fewer unknowns than they have.
-    """
-    inflation, effective = named.effective_sample
-    spared = len(named.point) - len(before.point)
-    best = max(
-        log_evidence(0.0, terms - spared, inflation, effective) - selection_cost(before.cradle, terms)
-        for terms in range(1, MAX_TERMS + 1)
-    )
-    return criteria.equivalent_log_odds <= best
 
 
 def law_scales(fitted: FitResult) -> Scales:

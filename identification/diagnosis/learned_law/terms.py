@@ -24,7 +24,7 @@ from cradle_env.parameter_name import ParameterName
 from cradle_env.threads import in_threads
 from identification.diagnosis.criteria import MISSPECIFIED_GAP
 from identification.diagnosis.selection.candidates import with_effects
-from identification.diagnosis.selection.model_comparison import log_evidence
+from identification.diagnosis.selection.model_comparison import schwarz_evidence
 from identification.experiment.experiment import Experiment
 from identification.inference.fit_result import FitResult, orthonormal_basis
 from identification.inference.impossible_model import ImpossibleModelError
@@ -248,7 +248,7 @@ class LinearModel:
         The frequency of periodic terms counts as an unknown.
         """
         unknowns = len(subset) + any(self.term(i).in_time for i in subset)
-        gained = log_evidence(self.chi2_gain(subset) - self.chi2_gain(()), unknowns, inflation, effective)
+        gained = schwarz_evidence(self.chi2_gain(subset) - self.chi2_gain(()), unknowns, inflation, effective)
         return gained - selection_cost_beside(self.fitted, len(subset))
 
     def values(self, subset: tuple[int, ...]) -> dict[str, float]:

@@ -6,7 +6,6 @@ from __future__ import annotations
 import dataclasses
 import math
 
-from identification.diagnosis.criteria import is_misspecified
 from identification.diagnosis.selection.search import Searcher, fit_key, refine_to_mode
 from identification.experiment.experiment import Experiment
 from identification.experiment.train_test import training_rows
@@ -16,10 +15,6 @@ from identification.inference.start_points import point_at
 
 #: The part of the training time that is fitted.
 _INNER = 2.0 / 3.0
-#: Gaps of inner predictions that differ by less than this share are as good as equal.
-EQUAL = 0.01
-#: How much larger the gap of a prediction than that of the fit may be where the two are still in step.
-_IN_STEP = 2.0
 
 
 def hold_out_last_third(experiment: Experiment) -> Experiment:
@@ -31,18 +26,6 @@ def hold_out_last_third(experiment: Experiment) -> Experiment:
             split = float(times[0] + _INNER * (times[-1] - times[0]))
             runs.append(dataclasses.replace(run, times=times, readings=run.readings[rows], lines=None, fit_to=split))
     return dataclasses.replace(experiment, runs=tuple(runs))
-
-
-def predictions(without: FitResult, refit: FitResult, searcher: Searcher) -> tuple[float, float] | None:
-    """Gaps of the inner predictions of a model and of one with more, where these tell more than χ² does: far above the
-    noise every effect gains much χ², by bending towards what is missing.
-
-    None near the noise, or where the model without predicts out of step.
-    """
-    if not is_misspecified(refit):
-        return None
-    before, gap = validate_inner(without, searcher)
-    return None if gap > _IN_STEP * before.training_gap() else (gap, validate_inner(refit, searcher)[1])
 
 
 def validate_inner(fitted: FitResult, searcher: Searcher) -> tuple[FitResult, float]:

@@ -6,7 +6,7 @@ from cradle_env.cradle import Cradle
 from cradle_env.parameter_name import ParameterName
 from identification.diagnosis.criteria import is_misspecified
 from identification.diagnosis.selection.candidates import without_effect
-from identification.diagnosis.selection.model_comparison import log_evidence
+from identification.diagnosis.selection.model_comparison import schwarz_evidence
 from identification.diagnosis.selection.search import Searcher
 from identification.inference.fit_result import FitResult
 from identification.inference.impossible_model import ImpossibleModelError
@@ -37,7 +37,7 @@ def choose_base_model(given: FitResult, searcher: Searcher, tell: Progress) -> F
         return given
     inflation, effective = min((given, rigid), key=lambda one: one.chi2).effective_sample
     more = len(given.point) - len(rigid.point)
-    evident = log_evidence(rigid.chi2 - given.chi2, more, inflation, effective) > 0.0
+    evident = schwarz_evidence(rigid.chi2 - given.chi2, more, inflation, effective) > 0.0
     return given if evident or not (is_misspecified(given) and is_misspecified(rigid)) else rigid
 
 

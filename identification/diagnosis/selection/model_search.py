@@ -14,7 +14,7 @@ import numpy as np
 
 from cradle_env.threads import in_threads
 from identification.diagnosis.criteria import DEFAULT_CRITERIA, Criteria, only_noise
-from identification.diagnosis.residuals.residual_tests import scan_residuals
+from identification.diagnosis.residuals.residual_tests import REPLICATES, scan_residuals
 from identification.diagnosis.selection.candidates import (
     Candidate,
     list_candidates,
@@ -22,6 +22,17 @@ from identification.diagnosis.selection.candidates import (
     starts,
     with_effects,
 )
+from identification.diagnosis.selection.continuation import (
+    MAX_DISTANCE,
+    Minimum,
+    early_chi2,
+    early_unit,
+    follow_early,
+    screen_starts,
+)
+from identification.diagnosis.selection.evidence import linear_log_odds
+from identification.diagnosis.selection.model import Model, Names
+from identification.diagnosis.selection.ranking import Ranking
 from identification.diagnosis.selection.score_test import score
 from identification.diagnosis.selection.search import FitCache
 from identification.experiment.experiment import Experiment
@@ -31,16 +42,6 @@ from identification.inference.least_squares import cost
 from identification.inference.likelihood import Likelihood
 from identification.inference.start_points import flatten_values, point_at
 from identification.progress import Progress
-from studies.selection.continuation import (
-    MAX_DISTANCE,
-    Minimum,
-    early_chi2,
-    early_unit,
-    follow_early,
-    screen_starts,
-)
-from studies.selection.evidence import linear_log_odds
-from studies.selection.model import Model, Names
 
 #: Strengths from which a candidate starts on early data [declared scales]: basins exist in strengths, too.
 EARLY_STRENGTHS = (0.1, 1.0, 3.0, 10.0)
@@ -52,8 +53,6 @@ LATE_STRENGTHS, LATE_STARTS = (0.01, 0.1, 1.0), 2
 FINISH_WITHIN = 20.0
 #: p of the residual scan from which on a model leaves so little that what it lacks is seen to first order.
 SETTLED = 0.1
-#: Replicates of the residual scan: at 1 % of 400, four are above.
-REPLICATES = 400
 #: Least gain in χ² to first order for which a candidate of a model that leaves only noise is fitted. Fewer units
 #: cannot pay for the prior of an effect, ln 30, and its strength.
 WORTH_A_FIT = 4.0
@@ -107,7 +106,7 @@ class ModelSearch:
 
     experiment: with its noise stated. store: keeps what was found. workers: threads. criteria: say what noise is.
     seed: of the residual scans. estimated: of each run, whether its noise was.
-    unfitted: sets that were judged to first order alone, with the set that they extend and the ln odds over it.
+    unfitted: ln odds over a set of one candidate more, by their labels, that was judged to first order alone.
     """
 
     experiment: Experiment
@@ -117,7 +116,7 @@ class ModelSearch:
     seed: int = 0
     estimated: tuple[bool, ...] = ()
     models: dict[Names, Model] = field(default_factory=dict)
-    unfitted: dict[Names, tuple[Names, float]] = field(default_factory=dict)
+    unfitted: dict[tuple[Names, str], float] = field(default_factory=dict)
     rounds: list[Round] = field(default_factory=list)
     _scans: dict[tuple[float, ...], float] = field(default_factory=dict)
 
@@ -191,7 +190,7 @@ class ModelSearch:
         count = len({c.name for c in list_candidates(self.experiment.cradle)})
         for label, one in small.items():
             odds = linear_log_odds(parent.fitted, one, parent.inflation) + math.log(ANOTHER / count)
-            self.unfitted[parent.names | {label}] = parent.names, odds
+            self.unfitted[parent.names, label] = odds
         return [c for c in candidates if c.label not in small]
 
     def extended(self, parent: Model, label: str) -> Model:
@@ -238,9 +237,9 @@ class ModelSearch:
         count = len({c.name for c in list_candidates(self.experiment.cradle)})
         return model.terms.log_evidence(inflation) + len(model.effects) * math.log(ANOTHER / count)
 
-    def ranked(self, best: Model) -> list[tuple[Model, float]]:
-        """The visited models near the best one and the base, with their ln evidence over the best, under its inflation;
-        the most evidence first. Of an effect's forms, with values alike or not, the better one alone."""
+    def rank(self, best: Model) -> Ranking:
+        """The visited models near the best one and the base, compared under the inflation of the best; of an effect's
+        forms, with values alike or not, the better one alone."""
         limit = best.chi2 + 2.0 * FINISH_WITHIN * best.unit
         near = [m for m in self.models.values() if m.modes and (m.chi2 < limit or not m.names)]
         first = self.log_evidence(best, best.inflation)
@@ -248,7 +247,12 @@ class ModelSearch:
         found: dict[frozenset[str], tuple[Model, float]] = {}
         for model, own in odds:
             found.setdefault(model.effects, (model, own))
-        return list(found.values())
+        effects = {c.label: frozenset(c.effects) for c in list_candidates(self.experiment.cradle)}
+        unfitted = tuple(
+            (best.effects | effects[label], odds)
+            for (parent, label), odds in self.unfitted.items() if parent == best.names
+        )  # fmt: skip
+        return Ranking(best, tuple(found.values()), unfitted, self.criteria)
 
     def scan_p(self, model: Model) -> float:
         """p of the residual scan of a model."""
@@ -257,10 +261,6 @@ class ModelSearch:
             rng = np.random.default_rng(self.seed)
             self._scans[key] = scan_residuals(model.fitted, model.fitted.replicates(REPLICATES, rng, self.estimated)).p
         return self._scans[key]
-
-    def unfitted_odds(self, best: Model) -> list[float]:
-        """ln odds over the best model of what extends it and was judged to first order alone."""
-        return [odds for names, (parent, odds) in self.unfitted.items() if parent == best.names]
 
     def _likelihood(self, experiment: Experiment) -> Likelihood:
         return Likelihood(experiment, training_rows(experiment)[0], 1)

@@ -16,11 +16,11 @@ from scipy.special import logsumexp
 
 from cradle_env.effects.declaration import Parameter
 from identification.diagnosis.selection.candidates import parameter_of
+from identification.diagnosis.selection.continuation import EARLY_PRIORS
 from identification.diagnosis.selection.score_test import CandidateScore
 from identification.inference.fit_result import FitResult
 from identification.inference.least_squares import difference_jacobian
 from identification.inference.unknowns import Unknown
-from studies.selection.continuation import EARLY_PRIORS
 
 #: Standard deviation of the log-normal prior of a shape about its declared scale: a factor of three.
 SHAPE_SD = math.log(3.0)
