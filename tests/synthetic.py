@@ -5,7 +5,9 @@ from pathlib import Path
 import numpy as np
 
 from cradle_env import Cradle, Release, simulate
-from identification.diagnosis.selection.search import FitCache, Searcher
+from identification.diagnosis.selection.fit_cache import FitCache
+from identification.diagnosis.selection.model_search import ModelSearch
+from identification.diagnosis.selection.searcher import Searcher
 from identification.experiment.experiment import Experiment
 from identification.experiment.run import ReleaseInfo, Run
 from identification.inference.convergence import Convergence
@@ -69,6 +71,12 @@ def made_up_posterior(
         gap or Gap(1.004, 1.013, {"train": np.full(1 + experiment.cradle.bobs, 1e-3)}),
         seed=3,
     )
+
+
+def fit_with(searcher: Searcher, base: FitResult, label: str) -> FitResult:
+    """The model of a fit with a candidate more, fitted."""
+    search = ModelSearch(base.experiment, searcher.store, 1)
+    return search.extended(search.fit_base([base.point]), label).fitted
 
 
 def early_case(name: str) -> Apparatus:

@@ -14,6 +14,59 @@ from identification.inference.fit_result import FitResult
 #: reading, the square of this, as far from a mode.
 MISSPECIFIED_GAP = math.sqrt(nonsmooth.MISSPECIFIED_CHI2_SCALE)
 
+# Continuation in the horizon (selection/continuation.py).
+
+#: Small-angle periods of the first horizon; each further one is twice as long. Over two the misfit has few minima.
+FIRST_PERIODS = 2.0
+#: Share of the run from which on a horizon is replaced by all data: refining twice over nearly the same data is waste.
+LAST_SHARE = 0.75
+#: Modes followed at most: bounds the cost of a horizon.
+MAX_BASINS = 3
+#: Distance from the best within which modes are followed and models are finished [units of χ²]: early data, and fits
+#: that are not finished, rank by chance.
+MAX_DISTANCE = 60.0
+#: Evaluations of least squares over each horizon, and to the end over all data.
+EVALUATIONS, FINAL_EVALUATIONS = 6, 30
+#: Standard deviations of ln k_f, ln κ and ln b about their stated values while the data are short. Short data hardly
+#: constrain one of them, and least squares would drift along that ridge. The evidence has the same priors.
+EARLY_PRIORS = {"k_f": 0.3, "kappa": 0.2, "b": 0.7}
+#: Factor to which χ² must be what the parabola about a mode predicts for a point to be of the same basin.
+SAME_BASIN = 2.0
+#: Standard deviations of ln κ that must reach half way to the next mode for it to be tried: 2 are 95 %.
+OPEN_SD = 2.0
+
+# The search over models (selection/model.py, selection/model_search.py).
+
+#: Strengths from which a candidate starts on early data [declared scales]: basins exist in strengths, too.
+EARLY_STRENGTHS = (0.1, 1.0, 3.0, 10.0)
+#: Strengths from which it starts at the mode of the model without it, over all data.
+LATE_STRENGTHS = (0.01, 0.1, 1.0)
+#: Of each, the starts with the least misfit that are refined: basins in strengths are two, weak and strong.
+STARTS = 2
+#: Modes kept of each model.
+MODES_KEPT = 5
+#: Distance from the best model of a size within which others are compared [units of χ²]: 20 is e⁻¹⁰ in likelihood.
+COMPARED_WITHIN = 20.0
+#: Models whose modes are tried in all others, and models of a size that are extended: the best.
+BEAM = 3
+#: Effects added at most. More were right in no case of the studies.
+MAX_EFFECTS = 4
+#: p of the residual scan from which on a model leaves so little that first order shows what it lacks.
+SETTLED = 0.1
+#: Gain in χ² to first order below which a candidate of such a model is not fitted: half of it cannot pay for the prior
+#: of an effect, ln 30, and its strength.
+WORTH_A_FIT = 4.0
+
+# The evidence (selection/evidence.py).
+
+#: Prior probability of each further effect over that of none further, shared by all candidates.
+ANOTHER = 0.5
+#: Standard deviation of the log-normal prior of a shape about its declared scale: a factor of three.
+SHAPE_SD = math.log(3.0)
+
+#: Replicates of the residual scan: at 1 % of 400, four are above.
+REPLICATES = 400
+
 
 @dataclass(frozen=True)
 class Criteria:

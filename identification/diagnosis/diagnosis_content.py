@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import math
+import dataclasses
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
@@ -12,7 +12,7 @@ from identification.diagnosis.learned_law.law_words import describe_law, describ
 from identification.diagnosis.repair import Step
 from identification.diagnosis.residuals.residual_tests import describe_phase
 from identification.diagnosis.selection.rigid_strings import removed_effects
-from identification.diagnosis.selection_path import path_content
+from identification.diagnosis.selection_path import held_out_gap, path_content
 from identification.diagnosis.uncertainty.intervals import Interval
 from identification.progress import Progress
 
@@ -45,7 +45,7 @@ def diagnosis_content(diagnosis: Diagnosis, progress: Progress) -> dict[str, Any
         ],
         "steps": diagnosis.steps,
         "equivalent": [list(names) for names in diagnosis.equivalent],
-        "sets": _sets_content(diagnosis),
+        "sets": [dataclasses.asdict(one) | {"effects": [*one.effects]} for one in repaired.sets],
         "alike": list(diagnosis.shared_effects),
         "taken_out": removed_effects(diagnosis.base.cradle, diagnosis.experiment.cradle),
         "gap_first": diagnosis.gap_first,
@@ -98,17 +98,9 @@ def _law_content(diagnosis: Diagnosis) -> dict[str, Any] | None:
     }
 
 
-def _sets_content(diagnosis: Diagnosis) -> list[dict[str, Any]]:
-    """Sets of effects that are nearly as probable as the best one, and the base."""
-    sets = diagnosis.repaired.sets
-    least = sets[0][1] * math.exp(-diagnosis.repaired.last.criteria.equivalent_log_odds) if sets else 0.0
-    return [{"effects": list(names), "probability": p} for names, p in sets if p >= least or not names]
-
-
 def _candidates_content(diagnosis: Diagnosis) -> list[dict[str, Any]]:
     """The score of every candidate against the base model, and the result of its refit if there was one."""
-    alone = diagnosis.repaired.comparison
-    refits = {refit.candidate: refit for refit in (() if alone is None else alone.refits)}
+    refits = {refit.candidate: refit for refit in diagnosis.repaired.alone}
     rows = []
     for score in diagnosis.repaired.examined[0].score_test.scores:
         refit = refits.get(score.candidate)
@@ -121,7 +113,7 @@ def _candidates_content(diagnosis: Diagnosis) -> list[dict[str, Any]]:
                 "parallel": [other.label for other in score.parallel],
                 "delta_chi2": None if refit is None else refit.gain,
                 "log_evidence": None if refit is None else refit.log_evidence,
-                "gap": None if refit is None else refit.gap,
+                "gap": None if refit is None else held_out_gap(refit.fitted),
             }
         )
     return rows

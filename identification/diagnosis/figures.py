@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from cradle_env.plot_style import BLUE, GREEN, GREY, ORANGE, RED, quiet_grid, styled
-from identification.diagnosis.examined_model import ExaminedModel
 from identification.diagnosis.learned_law.law_shape import LawShape
 from identification.diagnosis.residuals.residual_tests import ResidualTest
+from identification.diagnosis.selection.examined_model import ExaminedModel
 from identification.experiment.train_test import training_rows
 from identification.inference.fit_result import FitResult
 from identification.number_format import escape_mathtext
@@ -114,9 +114,7 @@ def candidates_figure(diagnosis: Diagnosis) -> Figure:
     from scipy.stats import chi2
 
     first = diagnosis.repaired.examined[0]
-    alone = diagnosis.repaired.comparison
-    refits = () if alone is None else alone.refits
-    gained = {refit.candidate: refit.gain for refit in refits}
+    gained = {refit.candidate: refit.gain for refit in diagnosis.repaired.alone}
     rows = sorted(first.score_test.scores, key=lambda s: -max(gained.get(s.candidate, 0.0), s.gain))
     figure = Figure(figsize=(9.0, 0.9 + 0.26 * max(len(rows), 2)), layout="constrained")
     axes = figure.subplots()

@@ -1,36 +1,37 @@
-"""From the base model to the one with what is missing: a search by evidence, and two tests that can refute it.
+"""From the base model to the one with what is missing: a search by evidence, and the tests that can refute it.
 
 1. `ModelSearch` finds the set of effects with the most evidence.
-2. The names are refuted if the residual scan finds more than noise with them, or if held-out data contradict them.
-3. Of two names or more, a learned law takes the place if it has clearly more evidence.
-4. Where the model leaves more than noise, a law is learned from what is left.
+2. If that leaves more than noise, or has two effects or more, a law learned from the base competes with it, by the same
+   evidence.
+3. Held-out data can refute names, but choose none.
+4. If the model that is left leaves more than noise, a law describes what is left.
 """
 
 from __future__ import annotations
 
-import dataclasses
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from identification.diagnosis.criteria import fails_prediction
-from identification.diagnosis.examined_model import ExaminedModel, examine
-from identification.diagnosis.learned_law.law import LearnedLaw, evidence_over_effects
+import numpy as np
+
+from identification.diagnosis.criteria import Criteria, fails_prediction
+from identification.diagnosis.learned_law.law import LearnedLaw
 from identification.diagnosis.learned_law.learning import learn_law
-from identification.diagnosis.selection.candidates import Candidate, list_candidates
-from identification.diagnosis.selection.model import Model
-from identification.diagnosis.selection.model_comparison import Comparison, compare
-from identification.diagnosis.selection.model_search import ModelSearch, Round
-from identification.diagnosis.selection.ranking import Ranking
-from identification.diagnosis.selection.search import Searcher
+from identification.diagnosis.learned_law.terms import selection_cost
+from identification.diagnosis.selection.candidates import Candidate
+from identification.diagnosis.selection.evidence import LaplaceTerms
+from identification.diagnosis.selection.examined_model import ExaminedModel
+from identification.diagnosis.selection.model import Model, Names
+from identification.diagnosis.selection.model_search import ModelSearch, Ranked, Round
+from identification.diagnosis.selection.searcher import Searcher
 from identification.inference.fit_result import FitResult
-from identification.inference.impossible_model import ImpossibleModelError
-from identification.number_format import typographic_minus
 from identification.progress import Progress
 
 
 @dataclass(frozen=True, eq=False)
 class Step:
-    """One effect added: fits without and with it, and the probability of the set that it belongs to.
+    """One effect added: fits without and with it, and the probability of all sets that hold it.
 
     What an effect requires has a step of its own.
     """
@@ -42,12 +43,34 @@ class Step:
 
 
 @dataclass(frozen=True, eq=False)
+class Refit:
+    """The base with one candidate: its fit, the gain in χ², and ln evidence over the base."""
+
+    candidate: Candidate
+    fitted: FitResult
+    gain: float
+    log_evidence: float
+
+
+@dataclass(frozen=True)
+class Explanation:
+    """What may be missing, and its probability. kind: "set" of effects, "law", "nothing", or "other" for all sets of
+    effects that the data tell from the best."""
+
+    kind: str
+    effects: tuple[str, ...]
+    probability: float
+
+
+@dataclass(frozen=True, eq=False)
 class Visit:
-    """A line of the path: what was done, the model that it led to or was about, and the candidates compared."""
+    """A line of the path: what was done, the model that it was about, p of its residual scan if that decided, and the
+    models compared with it."""
 
     done: str
-    model: ExaminedModel
-    comparison: Comparison | None = None
+    fitted: FitResult
+    p: float | None = None
+    round: Round | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,29 +81,32 @@ class RepairResult:
     ----------
     examined : tuple of ExaminedModel
         The base, and the repaired model if effects were named.
-    comparison : Comparison or None
-        Each candidate alone, added to the base.
     steps : tuple of Step
         The effects named, one by one.
     removed : tuple of str
-        Effects with the most evidence that a test refuted.
+        Effects with the most evidence that were refuted.
     alternatives : tuple of tuple of Candidate
         Sets that complete the other steps equally well, the chosen one first; () without doubt.
-    sets : tuple of (tuple of str, float)
-        Sets of effects with their probabilities, the most probable first; () is the base.
+    others : tuple of FitResult
+        The models with the other sets.
     law : LearnedLaw or None
         What was learned of what the last model leaves.
+    sets : tuple of Explanation
+        What may be missing; the probabilities sum to one.
+    alone : tuple of Refit
+        Each candidate alone, if it was fitted, the most evidence first.
     path : tuple of Visit
         All that was done, in order.
     """
 
     examined: tuple[ExaminedModel, ...]
-    comparison: Comparison | None
-    steps: tuple[Step, ...]
-    removed: tuple[str, ...]
-    alternatives: tuple[tuple[Candidate, ...], ...]
-    law: LearnedLaw | None
-    sets: tuple[tuple[tuple[str, ...], float], ...] = ()
+    steps: tuple[Step, ...] = ()
+    removed: tuple[str, ...] = ()
+    alternatives: tuple[tuple[Candidate, ...], ...] = ()
+    others: tuple[FitResult, ...] = ()
+    law: LearnedLaw | None = None
+    sets: tuple[Explanation, ...] = ()
+    alone: tuple[Refit, ...] = ()
     path: tuple[Visit, ...] = ()
 
     @property
@@ -92,111 +118,117 @@ class RepairResult:
 def repair(
     fitted: FitResult, searcher: Searcher, seed: int, estimated: tuple[bool, ...], progress: Progress
 ) -> RepairResult:
-    """Finds the set of effects with the most evidence, unless a test refutes it or a learned law has more.
+    """Finds the set of effects with the most evidence, unless a learned law has more or held-out data refute it.
 
     estimated: of each run, whether its noise was.
     """
     progress("locate", 0.0, "where model and data part")
-    search = ModelSearch(
-        fitted.experiment, searcher.store, searcher.workers, searcher.criteria, seed=seed, estimated=estimated
-    )
+    search = ModelSearch(fitted.experiment, searcher.store, searcher.workers, searcher.criteria, seed, estimated)
     best = search.run([fitted.point], progress)
-    for model in search.models.values():
-        if model.modes:
-            searcher.best(model.fitted)
-    ranking = search.rank(best)
-    base = examine(search.models[frozenset()].fitted, seed, estimated, searcher.criteria)
-    alone = _compare_alone(search, base, best)
-    path = [Visit("the base model", base), Visit("compared", base, alone)]
-    law = None
-    if best.names:
-        last = examine(best.fitted, seed, estimated, searcher.criteria)
-        path += [Visit(_said(round_), last) for round_ in search.rounds[1:]]
-        path.append(Visit(f"{', '.join(sorted(best.effects))} added", last))
-        law, why = _refute(base, last, len(best.effects), searcher, progress)
-        if not why:
-            steps, alternatives = _steps(search, best, ranking), _alternatives(search, best, ranking)
-            if alternatives:
-                sets = " | ".join(" + ".join(c.label for c in several) for several in alternatives)
-                path.append(Visit(f"equivalent: {sets}", last))
-            return RepairResult((base, last), alone, steps, (), alternatives, None, ranking.probabilities, tuple(path))
-        path.append(Visit(f"{', '.join(sorted(best.effects))} taken back: {why}", base))
-    if not base.significant:
-        law = None
-    elif law is None:
-        law = learn_law(base.fitted, searcher, progress)
-    removed = tuple(sorted(best.effects))
-    return RepairResult((base,), alone, (), removed, (), law, ranking.probabilities, tuple(path))
+    base, last = search.examined(search.models[frozenset()]), search.examined(best)
+    path = [Visit("the base model", base.fitted, base.p)]
+    path += [Visit(f"compared, {i} more", r.before.fitted, None, r) for i, r in enumerate(search.rounds, 1)]
+    law, law_odds = None, -math.inf
+    if last.significant or len(best.effects) > 1:
+        law = learn_law(base.fitted, searcher, progress, None if last.significant else last.fitted)
+    if law is not None:
+        law_odds = _law_log_odds(law, search, best)
+        path.append(Visit(f"a learned law, ln evidence {law_odds:+.1f} over these names", law.fitted))
+    ranked = search.ranked(best)
+    total = float(np.logaddexp.reduce([law_odds, *(one.log_odds for one in ranked)]))
+    found = {"sets": _explanations(ranked, law_odds, total, search.criteria), "alone": _alone(search, best)}
+    if not best.names:
+        return RepairResult((base,), law=law, path=tuple(path), **found)
+    path.append(Visit("the most evidence", last.fitted, last.p))
+    if why := _refutation(last, law_odds):
+        path.append(Visit(f"taken back: {why}", base.fitted, base.p))
+        if law is None and base.significant:
+            law = learn_law(base.fitted, searcher, progress)
+        law = law if base.significant else None
+        return RepairResult((base,), removed=tuple(sorted(best.effects)), law=law, path=tuple(path), **found)
+    rivals = [one.model for one in ranked if one.model is not None and _is_rival(one, best, search.criteria)]
+    return RepairResult(
+        (base, last), _steps(search, best, ranked, total), (), _alternatives(search, best, rivals),
+        tuple(model.fitted for model in rivals), path=tuple(path), **found,
+    )  # fmt: skip
 
 
-def _said(round_: Round) -> str:
-    """A round of the search in words."""
-    first = round_.compared[0]
-    evidence = typographic_minus(f"{round_.odds[0]:+.1f}")
-    return f"{len(round_.compared)} larger sets; best: {first.label}, ln evidence {evidence}"
-
-
-def _refute(
-    base: ExaminedModel, last: ExaminedModel, count: int, searcher: Searcher, progress: Progress
-) -> tuple[LearnedLaw | None, str]:
-    """The law of the base model if it refutes names, and what refutes them; "" if nothing does."""
-    if last.significant:
-        return None, "more than noise is left"
+def _refutation(last: ExaminedModel, law_odds: float) -> str:
+    """What refutes names; "" if nothing does."""
+    if law_odds >= last.criteria.equivalent_log_odds:
+        return "a learned law has more evidence"
     if fails_prediction(last.fitted):
-        return None, "held-out data refute it"
-    if count > 1:
-        law = learn_law(base.fitted, searcher, progress, last.fitted)
-        if law is not None and evidence_over_effects(law, last.fitted) >= searcher.criteria.equivalent_log_odds:
-            return law, "a learned law has more evidence"
-    return None, ""
+        return "held-out data refute the names"
+    if last.significant:
+        return "more than noise is left"
+    return ""
 
 
-def _compare_alone(search: ModelSearch, base: ExaminedModel, best: Model) -> Comparison:
-    """Each candidate alone, added to the base, as far as it was fitted."""
-    inflation = best.inflation
-    first = search.log_evidence(search.models[frozenset()], inflation)
-    candidates = {c.label: c for c in list_candidates(search.experiment.cradle)}
-    refits = []
-    for names, model in search.models.items():
-        if len(names) != 1 or not model.modes:
-            continue
-        (label,) = names
-        evidence = search.log_evidence(model, inflation) - first
-        try:
-            maxima = base.score_test.replicate_maxima
-            refits.append(compare(base.fitted, candidates[label], model.fitted, maxima, evidence))
-        except ImpossibleModelError:  # it ends before the readings do
-            continue
-    refits.sort(key=lambda refit: -refit.log_evidence)
-    chosen = next((refit for refit in refits if best.names == {refit.candidate.label}), None)
-    return Comparison(tuple(refits), chosen)
+def _law_log_odds(law: LearnedLaw, search: ModelSearch, best: Model) -> float:
+    """ln evidence of the base with a law over the best set, under the inflation of the one with less χ².
+
+    The law has the prior of one further cause, shared by all choices of as many terms.
+    """
+    inflation = min((best.fitted, law.fitted), key=lambda fit: fit.chi2).effective_sample.inflation
+    prior = search.log_prior - selection_cost(law.before.cradle, len(law.terms))
+    return LaplaceTerms.of(law.fitted).log_evidence(inflation) + prior - search.log_evidence(best, inflation)
 
 
-def _steps(search: ModelSearch, best: Model, ranking: Ranking) -> tuple[Step, ...]:
-    """The effects of the best set one by one, each time the one that leaves the least χ²."""
+def _explanations(
+    ranked: Sequence[Ranked], law_odds: float, total: float, criteria: Criteria
+) -> tuple[Explanation, ...]:
+    """All that may be missing; total: ln of the sum of all odds."""
+    near = [
+        one for one in ranked if one.effects and one.model is not None and one.log_odds > -criteria.equivalent_log_odds
+    ]
+    found = [Explanation("set", tuple(sorted(one.effects)), math.exp(one.log_odds - total)) for one in near]
+    if law_odds > -math.inf:
+        found.append(Explanation("law", (), math.exp(law_odds - total)))
+    nothing = sum(math.exp(one.log_odds - total) for one in ranked if not one.effects)
+    found.append(Explanation("nothing", (), nothing))
+    found.append(Explanation("other", (), max(0.0, 1.0 - sum(one.probability for one in found))))
+    return tuple(found)
+
+
+def _is_rival(one: Ranked, best: Model, criteria: Criteria) -> bool:
+    """Whether the data do not tell a set from the best one. One that holds it or is part of it is no rival."""
+    is_part = one.effects >= best.effects or one.effects <= best.effects
+    return one.log_odds > -criteria.equivalent_log_odds and not is_part
+
+
+def _alone(search: ModelSearch, best: Model) -> tuple[Refit, ...]:
+    """Each candidate alone, added to the base."""
+    base, found = search.models[frozenset()], []
+    for candidate in search.candidates:
+        model = search.models.get(frozenset({candidate.label}))
+        if model is not None and model.modes:
+            odds = search.log_evidence(model, best.inflation) - search.log_evidence(base, best.inflation)
+            found.append(Refit(candidate, model.fitted, base.chi2 - model.chi2, odds))
+    return tuple(sorted(found, key=lambda refit: -refit.log_evidence))
+
+
+def _steps(search: ModelSearch, best: Model, ranked: Sequence[Ranked], total: float) -> tuple[Step, ...]:
+    """The effects of the best set one by one, each time the one that leaves the least χ²; what it requires first."""
     model, steps, left = search.models[frozenset()], [], {*best.names}
     while left:
-        several = [(label, search.extended(model, label)) for label in sorted(left)]
-        label, after = min(several, key=lambda pair: pair[1].chi2)
-        before = model.fitted
-        candidate = next(c for c in list_candidates(before.cradle) if c.label == label)
-        for name in candidate.effects[:-1]:  # what it requires comes first, with a fit of its own
-            required = next(c for c in list_candidates(before.cradle) if c.name == name)
-            between = search.extended(model, required.label).fitted
-            steps.append(Step(name, before, between, ranking.probability))
-            before = between
-        steps.append(Step(candidate.name, before, after.fitted, ranking.probability))
-        model = after
+        ways = {label: search.extended(model, label) if len(left) > 1 else best for label in sorted(left)}
+        label = min(ways, key=lambda label: ways[label].chi2)
+        candidate = next(c for c in search.candidates if c.label == label)
+        names = [name for name in candidate.effects if name not in model.effects]
+        for name in names:
+            after = ways[label]
+            if name != candidate.name:
+                after = search.extended(model, next(c for c in search.candidates if c.name == name).label)
+            probability = sum(math.exp(one.log_odds - total) for one in ranked if name in one.effects)
+            steps.append(Step(name, model.fitted, after.fitted, probability))
+            model = after
         left.discard(label)
-    steps[-1] = dataclasses.replace(steps[-1], after=best.fitted)
     return tuple(steps)
 
 
-def _alternatives(search: ModelSearch, best: Model, ranking: Ranking) -> tuple[tuple[Candidate, ...], ...]:
+def _alternatives(search: ModelSearch, best: Model, rivals: Sequence[Model]) -> tuple[tuple[Candidate, ...], ...]:
     """The candidates of the best model and of each rival, less what all of them share; () if there are no rivals."""
-    others: Sequence[Model] = ranking.rivals
-    if not others:
+    if not rivals:
         return ()
-    common = frozenset.intersection(best.names, *(model.names for model in others))
-    candidates = list_candidates(search.experiment.cradle)
-    return tuple(tuple(c for c in candidates if c.label in model.names - common) for model in (best, *others))
+    common: Names = frozenset.intersection(best.names, *(model.names for model in rivals))
+    return tuple(tuple(c for c in search.candidates if c.label in model.names - common) for model in (best, *rivals))

@@ -20,8 +20,8 @@ from identification.diagnosis.next_experiment.expected_information import Advice
 from identification.diagnosis.repair import RepairResult
 from identification.diagnosis.report import render_report
 from identification.diagnosis.selection.candidates import candidate_of_effect
+from identification.diagnosis.selection.fit_cache import PointCache, compute_uncached
 from identification.diagnosis.selection.rigid_strings import ELASTIC_STRINGS
-from identification.diagnosis.selection.search import PointCache, compute_uncached
 from identification.diagnosis.uncertainty.detection_limits import DetectionLimit, compute_detection_limits
 from identification.diagnosis.uncertainty.intervals import Interval, compute_intervals
 from identification.experiment.experiment import Experiment

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import contextlib
-from collections.abc import Mapping
+from collections.abc import Sequence
 from pathlib import Path
 
 from identification.diagnosis.criteria import DEFAULT_CRITERIA, Criteria
@@ -13,12 +12,11 @@ from identification.diagnosis.data_checks.run_consistency import check_run_consi
 from identification.diagnosis.next_experiment.expected_information import Advice, advise, advise_on_lambda
 from identification.diagnosis.repair import RepairResult, repair
 from identification.diagnosis.result import Diagnosis
-from identification.diagnosis.selection.candidates import EffectNames, matching_candidate, without_effect
+from identification.diagnosis.selection.fit_cache import FitCache
 from identification.diagnosis.selection.rigid_strings import choose_base_model, describe_removed_effects
-from identification.diagnosis.selection.search import FitCache, Searcher
+from identification.diagnosis.selection.searcher import Searcher
 from identification.experiment.experiment import Experiment
 from identification.inference.fit_result import FitResult, with_known_noise
-from identification.inference.impossible_model import ImpossibleModelError
 from identification.inference.linear_algebra import on_one_thread
 from identification.progress import Progress
 from identification.storage.lock import locks_output
@@ -97,41 +95,21 @@ def diagnose(
     warnings = (*criteria.changes(), *warnings, *describe_removed_effects(base, given))
     progress("advise", 0.0, "the next experiment")
     final = searcher.fit_all_data(repaired.last.fitted if repaired.law is None else repaired.law.fitted)
-    others = _fit_equivalent_models(repaired, searcher)
+    others = [searcher.fit_all_data(fitted) for fitted in repaired.others]
     advice = _advise(repaired, others, searcher, seed, progress)
-    return Diagnosis(experiment, repaired, final, advice, seed, warnings, tuple(others.values()), store.point)
+    return Diagnosis(experiment, repaired, final, advice, seed, warnings, tuple(others), store.point)
 
 
 def _advise(
-    repaired: RepairResult, others: Mapping[EffectNames, FitResult], searcher: Searcher, seed: int, progress: Progress
-) -> Advice | None:  # fmt: skip
+    repaired: RepairResult, others: Sequence[FitResult], searcher: Searcher, seed: int, progress: Progress
+) -> Advice | None:
     """The run that separates equivalent sets; if there are none, the run that constrains λ.
 
-    Returns None if no run can be planned, or if the model leaves more than noise.
+    others: models with the other sets, fitted to all data. Returns None if no run can be planned, or if the model
+    leaves more than noise.
     """
+    fitted = searcher.fit_all_data(repaired.last.fitted)
     if not repaired.alternatives:
-        last = repaired.last
-        return None if last.significant else advise_on_lambda(searcher.fit_all_data(last.fitted), progress)
-    if not others:
-        return None
-    models = [searcher.fit_all_data(repaired.last.fitted), *others.values()]
-    return advise(models, [tuple(c.name for c in repaired.alternatives[0]), *others], seed, progress, searcher.criteria)
-
-
-def _fit_equivalent_models(repaired: RepairResult, searcher: Searcher) -> dict[EffectNames, FitResult]:
-    """Models with the sets that are equivalent to the chosen one, by their names, fitted to all data."""
-    if not repaired.alternatives:
-        return {}
-    last, fits = repaired.last.fitted, {}
-    chosen, *others = repaired.alternatives
-    model = last.experiment
-    for candidate in chosen:
-        model = without_effect(model, candidate.name)
-    without = searcher.fit_from_values(model, last.values)
-    for several in others:
-        fit = without
-        with contextlib.suppress(ImpossibleModelError):
-            for candidate in several:
-                fit = searcher.fit_with_candidate(fit, matching_candidate(fit.cradle, candidate))
-            fits[tuple(c.name for c in several)] = searcher.fit_all_data(fit)
-    return fits
+        return None if repaired.last.significant else advise_on_lambda(fitted, progress)
+    names = [tuple(candidate.name for candidate in several) for several in repaired.alternatives]
+    return advise([fitted, *others], names, seed, progress, searcher.criteria)

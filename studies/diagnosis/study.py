@@ -19,6 +19,7 @@ import shutil
 import subprocess
 import time
 import traceback
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from unittest import mock
@@ -42,6 +43,8 @@ HELD_OUT, EARLIER, LATEST, ROUNDS = 12, 22, 25, 27
 NULLS = 4
 #: How many wrong models the oracle refits, and how often it tries a strength.
 _REFITTED, _SEARCHES = 2, 8
+#: Strengths from which a wrong model is refitted [scales of its parameters], and how many of these starts are.
+_FACTORS, _FOLLOWED = (0.01, 0.1, 1.0, 3.0), 3
 #: Frames per second at which the oracle looks, with a noise that tells as much as the experiment's.
 _ORACLE_RATE = 60.0
 
@@ -313,7 +316,7 @@ class Oracle:
         recording = self._record([*strengths])
         moved = self._moved(recording)
         searcher, base = self._true(recording)
-        nearest = searcher.fit_from_values(base.experiment, base.values)
+        nearest = fit_near(searcher, base.experiment, base.values)
         for i in np.argsort(self._left(moved))[:_REFITTED]:
             candidate, sensed, _ = self.wrong[i]
             likely = [sensed.values(np.linalg.lstsq(self.fitted.project(sensed.S), -moved)[0])]
@@ -343,7 +346,8 @@ class Oracle:
 
 def fit_at_truth(path: Path, truth: dict[str, float]):
     """A search over an experiment, and its base model at the true values."""
-    from identification.diagnosis.selection.search import FitCache, Searcher
+    from identification.diagnosis.selection.fit_cache import FitCache
+    from identification.diagnosis.selection.searcher import Searcher
     from identification.experiment.experiment import Experiment
     from identification.inference.fit_result import FitResult, with_known_noise
     from identification.inference.start_points import point_at
@@ -362,17 +366,38 @@ def refit_right_model(apparatus: Apparatus, strengths: list[float], searcher, ba
         name: {p.key: np.clip(values[p.key], p.low, p.high).tolist() for p in effect(name).parameters}
         for name, values in apparatus.effects(strengths).items()
     }
-    return searcher.fit_from_values(with_effects(base.experiment, truth), base.values)
+    return fit_near(searcher, with_effects(base.experiment, truth), base.values)
+
+
+def fit_near(searcher, experiment, values: Mapping[str, float]):
+    """The mode of a model near these values of its unknowns."""
+    from identification.diagnosis.selection.searcher import refine_to_mode
+    from identification.inference.fit_result import FitResult
+    from identification.inference.start_points import point_at
+
+    likelihood = searcher.likelihood(experiment)
+    return FitResult(likelihood, refine_to_mode(likelihood, point_at(likelihood, values)))
 
 
 def _better_fit(nearest, searcher, base, candidate, beside, likely):
-    """The nearer to the data of a fit and of a model with a candidate added."""
+    """The nearer to the data of a fit and of a model with a candidate added, from where another model has its mode."""
+    from cradle_env.effects import effect
+    from identification.diagnosis.selection.candidates import starts, with_effects
+    from identification.diagnosis.selection.continuation import least
+    from identification.diagnosis.selection.searcher import refine_to_mode
+    from identification.inference.fit_result import FitResult
+    from identification.inference.start_points import flatten_values, point_at
+
+    bobs, name = base.cradle.bobs, candidate.name
+    several = [*likely, *starts(candidate.declaration, bobs, _FACTORS)]
+    brought = {name: next(starts(effect(name), bobs, (1.0,))) for name in candidate.effects}
     try:
-        return min(
-            nearest, searcher.fit_with_candidate_from_mode(base, candidate, beside, likely), key=lambda fit: fit.chi2
-        )
+        likelihood = searcher.likelihood(with_effects(base.experiment, brought, candidate.unknown))
     except ValueError:
         return nearest
+    points = [point_at(likelihood, {**beside.values, **flatten_values(name, values)}) for values in several]
+    fits = [FitResult(likelihood, refine_to_mode(likelihood, point)) for point in least(likelihood, points, _FOLLOWED)]
+    return min([nearest, *fits], key=lambda fit: fit.chi2)
 
 
 def find_strengths(apparatus: Apparatus, oracle: Oracle) -> list[float]:
@@ -477,8 +502,7 @@ def diagnose_case(path: Path, out: Path, answer: dict) -> dict:
     row = bench.row(content, answer) | {"seconds": round(time.process_time() - began, 1)}
     write_together(out, {"diagnosis.json": json_text(content)})
     hidden, first = set(answer["effects"]), diagnosis.repaired.examined[0].fitted
-    alone = diagnosis.repaired.comparison
-    refits = () if alone is None else alone.refits
+    refits = diagnosis.repaired.alone
     right = [refit.fitted.chi2 for refit in refits if refit.candidate.name in hidden]
     wrong = [refit.fitted.chi2 for refit in refits if refit.candidate.name not in hidden | _same(hidden)]
     if right and len(hidden) == 1:

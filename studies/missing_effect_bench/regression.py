@@ -14,8 +14,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from identification.diagnosis.selection.candidates import Candidate, list_candidates
+from identification.diagnosis.selection.fit_cache import FitCache
 from identification.diagnosis.selection.score_test import compute_sensitivities
-from identification.diagnosis.selection.search import FitCache, Searcher
+from identification.diagnosis.selection.searcher import Searcher
 from identification.experiment.experiment import Experiment
 from identification.inference.fit_result import FitResult, orthonormal_basis, with_known_noise
 from studies.missing_effect_bench.candidates import COMMON_LENGTH, UNKNOWN, Names

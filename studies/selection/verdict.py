@@ -1,12 +1,15 @@
-"""The verdict of a search over models: sets that the data do not tell apart, and two absolute tests."""
+"""The search alone: sets that the data do not tell apart, and two absolute tests, without a learned law."""
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
+import numpy as np
+
 from identification.diagnosis.criteria import DEFAULT_CRITERIA, exceeds_allowed_gap
+from identification.diagnosis.selection.fit_cache import FitCache
 from identification.diagnosis.selection.model_search import ModelSearch, Round
-from identification.diagnosis.selection.search import FitCache
 from identification.experiment.experiment import Experiment
 from identification.inference.fit_result import with_known_noise
 
@@ -46,23 +49,28 @@ def select_effects(experiment: Experiment, seed: int = 0, workers: int | None = 
         with_known_noise(experiment), FitCache(None, ""), workers, seed=seed, estimated=estimated
     )  # fmt: skip
     best = search.run([], lambda *_: None)
-    scan_p = search.scan_p(best)
-    gap, bound = best.fitted.held_out_gap(), best.fitted.predictive_bound
+    scan_p, gap, bound = search.examined(best).p, best.fitted.held_out_gap(), best.fitted.predictive_bound
     refuted = bool(best.names) and exceeds_allowed_gap(gap, bound)
-    ranking = search.rank(best)
-    sets = [(best, 0.0), *((m, o) for m, o in ranking.compared if m in ranking.rivals)]
+    ranked = search.ranked(best)
+    close, own = -DEFAULT_CRITERIA.equivalent_log_odds, best.effects
+    rivals = [
+        (names, odds) for names, odds, model in ranked
+        if model is not None and odds > close and not (names >= own or names <= own)
+    ]  # fmt: skip
+    sets = [(own, 0.0), *rivals]
     if scan_p < DEFAULT_CRITERIA.significance_level or refuted:
         verdict = "unknown"
     elif not best.names:
         verdict = "nothing_missing"
     else:
         verdict = "named" if len(sets) == 1 else "equivalent"
+    odds = [one for _, one, _ in ranked]
     return Selection(
         verdict,
-        tuple((tuple(sorted(model.effects)), odds) for model, odds in sets),
-        tuple((tuple(sorted(model.names)), odds) for model, odds in ranking.compared),
-        ranking.probability,
-        ranking.margin,
+        tuple((tuple(sorted(names)), one) for names, one in sets),
+        tuple((tuple(sorted(model.names)), one) for _, one, model in ranked if model is not None),
+        float(1.0 / np.exp(odds).sum()),
+        odds[0] - odds[1] if len(odds) > 1 else math.inf,
         scan_p,
         gap,
         bound,
@@ -74,6 +82,5 @@ def select_effects(experiment: Experiment, seed: int = 0, workers: int | None = 
 
 def _line(round_: Round) -> str:
     """A round of the search in words."""
-    pairs = zip(round_.compared, round_.odds, strict=False)
-    tried = "; ".join(f"{m.label} χ² {m.chi2:.1f}, ln odds {odds:+.1f}" for m, odds in [*pairs][:5])
+    tried = "; ".join(f"{m.label} χ² {m.chi2:.1f}, ln odds {odds:+.1f}" for m, odds in round_.compared[:5])
     return f"{round_.before.label} χ² {round_.before.chi2:.1f}; {tried}"

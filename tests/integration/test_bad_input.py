@@ -19,8 +19,9 @@ from identification.diagnosis import workflow
 from identification.diagnosis.data_checks.instrument_faults import check_instrument_faults
 from identification.diagnosis.data_checks.readings import check_readings
 from identification.diagnosis.data_checks.run_consistency import check_run_consistency
-from identification.diagnosis.examined_model import examine
-from identification.diagnosis.selection.search import FitCache, Searcher
+from identification.diagnosis.selection.examined_model import examine
+from identification.diagnosis.selection.fit_cache import FitCache
+from identification.diagnosis.selection.searcher import Searcher
 from identification.inference.fit_result import FitResult, with_known_noise
 from identification.inference.likelihood import Likelihood
 from identification.reporting import terminal

@@ -17,7 +17,7 @@ from identification.diagnosis.criteria import is_misspecified
 from identification.diagnosis.learned_law.free_run import fit_free_run
 from identification.diagnosis.learned_law.law import LearnedLaw
 from identification.diagnosis.learned_law.terms import LinearModel, Scales, Term
-from identification.diagnosis.selection.search import Searcher
+from identification.diagnosis.selection.searcher import Searcher
 from identification.experiment.experiment import Experiment
 from identification.experiment.noise import noise_gap_bound
 from identification.experiment.train_test import training_rows

@@ -8,7 +8,8 @@ import numpy as np
 
 from cradle_env.threads import in_threads
 from identification.diagnosis.learned_law.terms import Scales, Term, with_terms
-from identification.diagnosis.selection.search import Searcher, fit_key
+from identification.diagnosis.selection.fit_cache import fit_key
+from identification.diagnosis.selection.searcher import Searcher
 from identification.experiment.experiment import Experiment
 from identification.experiment.unit_check import readings_from_rest
 from identification.inference.fit_result import FitResult

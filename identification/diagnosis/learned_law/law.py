@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from identification.diagnosis.learned_law.terms import Scales, Term, selection_cost, selection_cost_beside
-from identification.diagnosis.selection.model_comparison import schwarz_evidence
+from identification.diagnosis.learned_law.terms import Scales, Term, selection_cost_beside
+from identification.diagnosis.selection.evidence import schwarz_evidence
 from identification.experiment.unit_check import readings_from_rest
 from identification.inference.fit_result import FitResult
 
@@ -46,19 +46,6 @@ class LearnedLaw:
         """Whether this law has more evidence; the residuals of the one with less χ² give the inflation of both."""
         coloured = min((self, other), key=lambda law: law.fitted.chi2).fitted.effective_sample
         return self.evidence(*coloured) > other.evidence(*coloured)
-
-
-def evidence_over_effects(law: LearnedLaw, named: FitResult) -> float:
-    """Log evidence of a model with a law over a model with effects named instead, on the training part.
-
-    It counts the unknowns of both and the choice of the law's terms. The library imitates some effects, and a law that
-    only copies an effect comes out near 0 or below.
-    """
-    rival = law.fitted
-    inflation, effective = min((named, rival), key=lambda one: one.chi2).effective_sample
-    more = len(rival.point) - len(named.point)
-    gained = schwarz_evidence(named.chi2 - rival.chi2, more, inflation, effective)
-    return gained - selection_cost(rival.cradle, len(law.terms))
 
 
 def law_scales(fitted: FitResult) -> Scales:

@@ -19,12 +19,12 @@ import math
 from identification.diagnosis.criteria import is_misspecified, only_noise
 from identification.diagnosis.learned_law.drafts import complete_best, draft_extensions
 from identification.diagnosis.learned_law.free_run import fit_free_run, is_in_step
+from identification.diagnosis.learned_law.inner_validation import hold_out_last_third, validate_inner
 from identification.diagnosis.learned_law.law import LearnedLaw, law_scales
 from identification.diagnosis.learned_law.periodic_force import add_periodic_terms
 from identification.diagnosis.learned_law.terms import MAX_TERMS, LinearModel
 from identification.diagnosis.residuals.multiple_shooting import can_be_segmented, fit_multiple_shooting
-from identification.diagnosis.selection.inner_validation import hold_out_last_third, validate_inner
-from identification.diagnosis.selection.search import Searcher
+from identification.diagnosis.selection.searcher import Searcher
 from identification.experiment.noise import noise_gap_bound
 from identification.experiment.train_test import training_rows
 from identification.inference.fit_result import FitResult, estimate_effective_sample

@@ -24,7 +24,7 @@ from cradle_env.parameter_name import ParameterName
 from cradle_env.threads import in_threads
 from identification.diagnosis.criteria import MISSPECIFIED_GAP
 from identification.diagnosis.selection.candidates import with_effects
-from identification.diagnosis.selection.model_comparison import schwarz_evidence
+from identification.diagnosis.selection.evidence import schwarz_evidence
 from identification.experiment.experiment import Experiment
 from identification.inference.fit_result import FitResult, orthonormal_basis
 from identification.inference.impossible_model import ImpossibleModelError

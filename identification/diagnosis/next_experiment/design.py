@@ -15,7 +15,9 @@ from cradle_env.effects import effect
 from identification.diagnosis.data_checks.readings import check_readings
 from identification.diagnosis.next_experiment.expected_information import Advice, advise, advise_on_lambda
 from identification.diagnosis.selection.candidates import EffectNames, list_candidates, without_effect
-from identification.diagnosis.selection.search import FitCache, Searcher
+from identification.diagnosis.selection.fit_cache import FitCache
+from identification.diagnosis.selection.model_search import ModelSearch
+from identification.diagnosis.selection.searcher import Searcher
 from identification.experiment.experiment import Experiment
 from identification.experiment.experiment_file import infer_lines, model_lines
 from identification.inference.fit_result import FitResult, with_known_noise
@@ -241,14 +243,15 @@ def _fit_with_effects(
     fitted: FitResult, names: EffectNames, each: frozenset[str], searcher: Searcher, progress: Progress
 ) -> FitResult:
     """The fit with effects added one after the other; each: see `_Request`."""
+    search = ModelSearch(fitted.experiment, searcher.store, searcher.workers)
+    model = search.fit_base([fitted.point])
     for name in names:
         progress("refit", 0.0, name)
-        if fitted.cradle.has(name):  # an earlier effect requires it
+        if name in model.effects:  # an earlier effect requires it
             continue
-        several = [c for c in list_candidates(fitted.cradle) if c.name == name]
-        candidate = several[-1 if name in each else 0]
+        several = [c for c in search.candidates if c.name == name]
         try:
-            fitted = searcher.fit_with_candidate(fitted, candidate)
+            model = search.extended(model, several[-1 if name in each else 0].label)
         except ImpossibleModelError as problem:
             raise ValueError(f"{name} cannot be in this cradle: {problem}") from None
-    return fitted
+    return model.fitted

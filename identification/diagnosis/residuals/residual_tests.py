@@ -21,8 +21,6 @@ from identification.diagnosis.residuals.periodogram import count_independent, fr
 from identification.diagnosis.residuals.windows import Window, model_motions, start_state_windows, window_edges
 from identification.inference.fit_result import FitResult, orthonormal_basis
 
-#: Replicates of the residual scan: at 1 % of 400, four are above.
-REPLICATES = 400
 #: Harmonics of the swing that a window is tested for.
 _HARMONICS = 3
 #: Readings of a window per column of its basis, at least.

@@ -15,15 +15,13 @@ import numpy as np
 from scipy.special import logsumexp
 
 from cradle_env.effects.declaration import Parameter
+from identification.diagnosis.criteria import EARLY_PRIORS, SHAPE_SD
 from identification.diagnosis.selection.candidates import parameter_of
-from identification.diagnosis.selection.continuation import EARLY_PRIORS
 from identification.diagnosis.selection.score_test import CandidateScore
 from identification.inference.fit_result import FitResult
 from identification.inference.least_squares import difference_jacobian
 from identification.inference.unknowns import Unknown
 
-#: Standard deviation of the log-normal prior of a shape about its declared scale: a factor of three.
-SHAPE_SD = math.log(3.0)
 #: Least eigenvalue of the scaled Hessian that counts: less is rounding of finite differences.
 _LEAST_EIGENVALUE = 1e-9
 
@@ -74,6 +72,14 @@ def linear_log_odds(fitted: FitResult, score: CandidateScore, inflation: float) 
         prior = sum(density for density, _ in terms)
         found.append(0.5 * gain / inflation + prior + 0.5 * len(x) * math.log(2.0 * math.pi) - 0.5 * log_det)
     return float(logsumexp(found)) - math.log(len(found))
+
+
+def schwarz_evidence(gain: float, unknowns: int, inflation: float, effective: float) -> float:
+    """½ (Δχ²/c − k ln n_eff): log evidence of k more unknowns without declared priors that gain Δχ².
+
+    inflation c, effective n_eff: of the better model. Source: Schwarz, Ann. Stat. 6, 461 (1978).
+    """
+    return 0.5 * (gain / inflation - unknowns * math.log(effective))
 
 
 def log_prior(u: Unknown, coordinate: float) -> tuple[float, float]:

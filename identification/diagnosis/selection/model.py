@@ -8,23 +8,19 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from identification.diagnosis.criteria import EVALUATIONS, FINAL_EVALUATIONS, MAX_DISTANCE, MODES_KEPT
 from identification.diagnosis.selection.continuation import (
-    MAX_DISTANCE,
     Basin,
     Minimum,
-    approach_modes,
-    early_chi2,
-    finish_modes,
+    distinct_basins,
+    refine_all,
     unit_of_chi2,
 )
 from identification.diagnosis.selection.evidence import LaplaceTerms
-from identification.diagnosis.selection.search import FitCache, fit_key
+from identification.diagnosis.selection.fit_cache import FitCache, fit_key
 from identification.inference.fit_result import FitResult
 from identification.inference.least_squares import cost
 from identification.inference.likelihood import Likelihood
-
-#: Modes kept of each model.
-MODES_KEPT = 5
 
 #: Labels of candidates.
 Names = frozenset[str]
@@ -59,7 +55,7 @@ class Model:
     @property
     def unit(self) -> float:
         """What one unit of χ² is worth beside what this model leaves."""
-        return unit_of_chi2(self.likelihood)(self.chi2)
+        return unit_of_chi2(self.likelihood, self.chi2)
 
     @property
     def fitted(self) -> FitResult:
@@ -80,35 +76,40 @@ class Model:
         """c of its residuals."""
         return self.fitted.effective_sample.inflation
 
-    def early(self, what: str, find: Callable[[], Sequence[np.ndarray]]) -> list[Minimum]:
-        """Where early data led, with χ² over the last horizon. what: under which it is stored."""
-        return self._stored(what, lambda: [Minimum(p, early_chi2(self.likelihood, p)) for p in find()])
-
     def approach(self, what: str, starts: Callable[[], Sequence[np.ndarray]]) -> None:
-        """Adds what is near the modes about several points (D,). what: under which it is stored.
+        """Adds what is near the modes about several points (D,), by a few evaluations over all data.
 
-        What lies in the basin of a mode that is finished leads nowhere else.
+        What lies in the basin of a mode that is finished leads nowhere else. what: under which it is stored.
         """
-        near = self._stored(what, lambda: approach_modes(self.likelihood, starts()))
+
+        def find() -> list[Minimum]:
+            found = refine_all(self.likelihood, starts(), EVALUATIONS)
+            unit = unit_of_chi2(self.likelihood, found[0].chi2) if found else 1.0
+            return [basin.minimum for basin in distinct_basins(self.likelihood, found, unit)]
+
+        near = self._stored(what, find)
         if self.modes and not self._approached:
-            near = [one for one in near if not self._in_best_basin(one)]
+            near = [one for one in near if not self._best_basin.holds(one)]
         self._approached += near
         self._add(near)
 
     def finish(self) -> None:
         """Follows what was approached to its modes."""
         limit = self.chi2 + MAX_DISTANCE * self.unit
-        near, self._approached = [one for one in self._approached if one.chi2 < limit], []
+        near, self._approached = [one.point for one in self._approached if one.chi2 < limit], []
         if near:
-            what = f"finished {[one.point.tolist() for one in near]}"
-            self._add(self._stored(what, lambda: finish_modes(self.likelihood, near)))
+            what = f"finished {[point.tolist() for point in near]}"
+            self._add(self._stored(what, lambda: refine_all(self.likelihood, near, FINAL_EVALUATIONS)))
 
-    def in_best_basin(self, point: np.ndarray) -> bool:
-        """Whether a point (D,) lies in the basin of the best mode."""
-        return self._in_best_basin(Minimum(point, cost(self.likelihood, point)))
+    def finish_from(self, start: np.ndarray) -> None:
+        """Finishes it from a point (D,) too, unless that lies in the basin of the best mode."""
+        if not self.modes or not self._best_basin.holds(Minimum(start, cost(self.likelihood, start))):
+            self.approach(f"at {start.tolist()}", lambda: [start])
+            self.finish()
 
-    def _in_best_basin(self, one: Minimum) -> bool:
-        return Basin(self.modes[0], self.terms.information, self.unit).holds(one.point, one.chi2)
+    @property
+    def _best_basin(self) -> Basin:
+        return Basin(self.modes[0], self.terms.information, self.unit)
 
     def _add(self, modes: Iterable[Minimum]) -> None:
         before = self.chi2

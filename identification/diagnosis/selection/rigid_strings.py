@@ -6,8 +6,8 @@ from cradle_env.cradle import Cradle
 from cradle_env.parameter_name import ParameterName
 from identification.diagnosis.criteria import is_misspecified
 from identification.diagnosis.selection.candidates import without_effect
-from identification.diagnosis.selection.model_comparison import schwarz_evidence
-from identification.diagnosis.selection.search import Searcher
+from identification.diagnosis.selection.evidence import schwarz_evidence
+from identification.diagnosis.selection.searcher import Searcher
 from identification.inference.fit_result import FitResult
 from identification.inference.impossible_model import ImpossibleModelError
 from identification.progress import Progress

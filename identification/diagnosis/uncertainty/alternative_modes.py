@@ -17,7 +17,7 @@ from cradle_env.effects import LEARNED
 from cradle_env.parameter_name import ParameterName
 from cradle_env.threads import in_threads
 from identification.diagnosis.selection.candidates import parameter_of
-from identification.diagnosis.selection.search import PointCache, fit_key
+from identification.diagnosis.selection.fit_cache import PointCache, fit_key
 from identification.diagnosis.uncertainty.conditional_likelihood import ConditionalLikelihood, refit_others
 from identification.inference.fit_result import FitResult
 from identification.inference.impact_order_noise import impact_order_chi2

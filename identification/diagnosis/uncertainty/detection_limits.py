@@ -21,13 +21,13 @@ from scipy.stats import truncnorm
 from cradle_env.effects import Parameter
 from cradle_env.threads import in_threads
 from identification.diagnosis.selection.candidates import Candidate, with_effects
+from identification.diagnosis.selection.fit_cache import PointCache, compute_uncached, fit_key
 from identification.diagnosis.selection.score_test import (
     MIN_VISIBLE_SHARE,
     CandidateScore,
     Sensitivity,
     residual_change,
 )
-from identification.diagnosis.selection.search import PointCache, compute_uncached, fit_key
 from identification.diagnosis.uncertainty.profile_likelihood import REFIT_EVALUATIONS, find_profile_end
 from identification.inference import impact_order_noise
 from identification.inference.fit_result import FitResult

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.stats import norm, truncnorm
 
 from cradle_env.threads import in_threads
-from identification.diagnosis.selection.search import PointCache, compute_uncached, fit_key
+from identification.diagnosis.selection.fit_cache import PointCache, compute_uncached, fit_key
 from identification.diagnosis.uncertainty.alternative_modes import find_alternative_modes, shape_unknowns
 from identification.diagnosis.uncertainty.conditional_likelihood import refit_others
 from identification.diagnosis.uncertainty.profile_likelihood import REFIT_EVALUATIONS, find_profile_end

@@ -5,15 +5,18 @@ import math
 import pytest
 
 from identification import Experiment
-from identification.diagnosis.examined_model import examine
 from identification.diagnosis.repair import RepairResult
 from identification.diagnosis.result import Diagnosis
 from identification.diagnosis.selection.candidates import with_effects
-from identification.diagnosis.selection.search import FitCache, Searcher
+from identification.diagnosis.selection.examined_model import examine
+from identification.diagnosis.selection.fit_cache import FitCache
+from identification.diagnosis.selection.searcher import Searcher
 from identification.diagnosis.uncertainty.detection_limits import compute_detection_limits
 from identification.inference.fit_result import with_known_noise
+from studies.diagnosis.study import fit_near
 from tests.reference.laboratory import record, write_experiment
 from tests.reference.soft_contact import SoftCradle
+from tests.synthetic import fit_with
 
 B = 0.002
 
@@ -67,9 +70,9 @@ def left_at_the_limit(found, name: str) -> float:
     own = next(s for s in found.score_test.scores if s.candidate.name == name and s.sensitivities[0].S.shape[1] == 1)
     (told,) = compute_detection_limits(found.fitted, [own])
     searcher = Searcher(FitCache(None, ""), 0, None)
-    free = searcher.fit_with_candidate(found.fitted, own.candidate)
+    free = fit_with(searcher, found.fitted, own.candidate.label)
     held = with_effects(found.fitted.experiment, {name: {told.parameter.key: told.limit}}, ())
-    return searcher.fit_from_values(held, found.fitted.values).chi2 - free.chi2
+    return fit_near(searcher, held, found.fitted.values).chi2 - free.chi2
 
 
 def test_nothing_is_said_of_data_that_the_model_does_not_describe(tmp_path):
@@ -77,7 +80,7 @@ def test_nothing_is_said_of_data_that_the_model_does_not_describe(tmp_path):
     recording = record(cradle, {1: 0.3}, duration=24.0, seed=3, noise=3e-4)
     experiment = with_known_noise(Experiment.load(write_experiment(tmp_path, [recording], stated={"b": 0.0023})))
     found = examine(Searcher(FitCache(None, ""), 0, None).fit_global(experiment), 0, (False,))
-    nothing_helped = RepairResult((found,), None, (), (), (), None)
+    nothing_helped = RepairResult((found,))
     diagnosis = Diagnosis(experiment, nothing_helped, found.fitted, None, 0)
     assert diagnosis.verdict == "unknown" and diagnosis.detection_limits == () and diagnosis.content()["unseen"] == []
 
@@ -112,7 +115,6 @@ def test_what_kappa_makes_up_for_is_followed_beyond_first_order(tmp_path):
     assert off == pytest.approx(told.shifts_sd["kappa"] * mass / told.limit, rel=0.1)
     held = with_effects(found.fitted.experiment, {"added_mass": {"mass": 2.0 * told.limit}}, ())
     assert (
-        searcher.fit_from_values(held, found.fitted.values).chi2
-        - searcher.fit_with_candidate(found.fitted, own.candidate).chi2
+        fit_near(searcher, held, found.fitted.values).chi2 - fit_with(searcher, found.fitted, own.candidate.label).chi2
         > 3.8
     )

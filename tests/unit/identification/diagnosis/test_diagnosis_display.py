@@ -4,11 +4,12 @@ import numpy as np
 import pytest
 
 from cradle_env import Cradle, display
-from identification.diagnosis.examined_model import examine
 from identification.diagnosis.repair import RepairResult, Step
 from identification.diagnosis.result import Diagnosis
 from identification.diagnosis.selection.candidates import with_effects
-from identification.diagnosis.selection.search import FitCache, Searcher
+from identification.diagnosis.selection.examined_model import examine
+from identification.diagnosis.selection.fit_cache import FitCache
+from identification.diagnosis.selection.searcher import Searcher
 from identification.experiment.experiment import Experiment
 from identification.inference.fit_result import with_known_noise
 from tests.fragment import Fragment
@@ -28,8 +29,8 @@ def diagnoses():
     model = with_effects(before.fitted.experiment, {"quadratic_drag": {"c2": 0.01}})
     after = examine(searcher.fit_global(model), 0, (False,))
     step = Step("quadratic_drag", before.fitted, after.fitted, 0.9987)
-    found = RepairResult((before, after), None, (step,), (), (), None)
-    nothing = RepairResult((after,), None, (), (), (), None)
+    found = RepairResult((before, after), (step,))
+    nothing = RepairResult((after,))
     return (
         Diagnosis(experiment, found, searcher.fit_all_data(after.fitted), None, 0),
         Diagnosis(experiment, nothing, after.fitted, None, 0),

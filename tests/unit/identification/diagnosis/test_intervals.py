@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from identification.diagnosis.selection.candidates import with_effects
-from identification.diagnosis.selection.search import FitCache, Searcher, compute_uncached
+from identification.diagnosis.selection.fit_cache import FitCache, compute_uncached
+from identification.diagnosis.selection.searcher import Searcher
 from identification.diagnosis.uncertainty import intervals as module
 from identification.diagnosis.uncertainty.alternative_modes import find_alternative_modes
 from identification.diagnosis.uncertainty.intervals import compute_intervals
@@ -19,7 +20,7 @@ from identification.inference.impossible_model import ImpossibleModelError
 from identification.inference.noise_model import NoiseModel
 from identification.inference.start_points import flatten_values
 from identification.inference.unknowns import Unknown
-from studies.diagnosis.study import Apparatus, cases
+from studies.diagnosis.study import Apparatus, cases, fit_near
 from studies.diagnosis.table import ROWS
 from studies.kept_rows import read_rows
 from tests.reference.laboratory import record, write_experiment
@@ -84,7 +85,7 @@ def test_where_the_posterior_is_normal_a_profile_says_what_laplace_does(tmp_path
     cradle = SoftCradle(2, stiffness_factor=1e6, kappa=190.0, k_f=18000.0, b=0.002)
     recording = record(cradle, {2: 0.2}, duration=20.0, seed=3, noise=1e-3)
     path = write_experiment(tmp_path, [recording], stated={"kappa": 190.0, "k_f": 18000.0, "b": 0.002})
-    fitted = Searcher(FitCache(None, ""), 0, None).fit_from_values(with_known_noise(Experiment.load(path)), {})
+    fitted = fit_near(Searcher(FitCache(None, ""), 0, None), with_known_noise(Experiment.load(path)), {})
     by_profile = compute_intervals(fitted)
     with mock.patch.object(module, "MIN_BOBS_WITH_IMPACT_ORDER", 0):
         by_laplace = compute_intervals(fitted)
@@ -99,7 +100,7 @@ def test_of_one_unknown_alone_nothing_is_left_to_refit(tmp_path):
     cradle = SoftCradle(1, strings="rigid", b=0.002)
     recording = record(cradle, {1: 0.2}, duration=20.0, seed=3)
     path = write_experiment(tmp_path, [recording], stated={"b": 0.0021}, base="pendulum", release={"angle_sd": 0.0})
-    fitted = Searcher(FitCache(None, ""), 0, None).fit_from_values(with_known_noise(Experiment.load(path)), {})
+    fitted = fit_near(Searcher(FitCache(None, ""), 0, None), with_known_noise(Experiment.load(path)), {})
     assert fitted.likelihood.names == ["b"]
     low, high = compute_intervals(fitted)["b"].ci95
     assert low < fitted.values["b"] < high < 1.1 * low
@@ -111,7 +112,7 @@ def test_an_interval_that_reaches_a_bound_ends_there(tmp_path):
     recording = record(cradle, {1: 0.2}, duration=20.0, seed=3, noise=1e-3)
     path = write_experiment(tmp_path, [recording], stated={"b": 0.0021}, base="pendulum", release={"angle_sd": 0.0})
     rubbing = with_effects(with_known_noise(Experiment.load(path)), {"pivot_friction": {"tau_c": 1e-7}})
-    low, high = compute_intervals(Searcher(FitCache(None, ""), 0, None).fit_from_values(rubbing, {"b": 0.002}))[
+    low, high = compute_intervals(fit_near(Searcher(FitCache(None, ""), 0, None), rubbing, {"b": 0.002}))[
         "pivot_friction.tau_c"
     ].ci95
     assert low == 0.0 < high
@@ -128,7 +129,7 @@ def test_a_profile_holds_a_drag_that_group_drag_can_replace(tmp_path):
     unknown = with_effects(experiment, far, ("group_drag.slope", "group_drag.range"))
     searcher = Searcher(FitCache(None, ""), 0, None)
     astray = {"b": 1.9e-4, **{f"group_drag.{key}": value for key, value in far["group_drag"].items()}}
-    found = compute_intervals(searcher.fit_all_data(searcher.fit_from_values(unknown, {**apparatus.truth, **astray})))
+    found = compute_intervals(searcher.fit_all_data(fit_near(searcher, unknown, {**apparatus.truth, **astray})))
     for name, value in apparatus.truth.items():
         low, high = found[name].ci95
         margin = 0.3 * (high - low)  # three standard deviations
@@ -210,9 +211,9 @@ def test_intervals_hold_a_frame_that_another_one_stands_for(tmp_path):
     experiment = with_known_noise(Experiment.load(apparatus.write(tmp_path, apparatus.record([1009.14], True))))
     searcher = Searcher(FitCache(None, ""), 0, None)
     another = {"frame_compliance": {"frame_mass": 5.35, "frequency": 3.0, "damping_ratio": 0.011}}
-    right = searcher.fit_from_values(with_effects(experiment, {"frame_compliance": true}), apparatus.truth)
+    right = fit_near(searcher, with_effects(experiment, {"frame_compliance": true}), apparatus.truth)
     started = right.values | flatten_values("frame_compliance", another["frame_compliance"])
-    fitted = Searcher(FitCache(None, ""), 0, None).fit_from_values(with_effects(experiment, another), started)
+    fitted = fit_near(Searcher(FitCache(None, ""), 0, None), with_effects(experiment, another), started)
     assert fitted.chi2 < right.chi2 and fitted.values["frame_compliance.frequency"] < 4.0
     found = compute_intervals(fitted)
     for key in ("frame_mass", "frequency", "damping_ratio"):

@@ -19,7 +19,8 @@ from identification.diagnosis.figures import law_figure
 from identification.diagnosis.learned_law import drafts as drafts_module
 from identification.diagnosis.learned_law import learning as learning_module
 from identification.diagnosis.learned_law.free_run import _start_origins, is_in_step
-from identification.diagnosis.learned_law.law import LearnedLaw, evidence_over_effects, law_scales
+from identification.diagnosis.learned_law.inner_validation import hold_out_last_third
+from identification.diagnosis.learned_law.law import LearnedLaw, law_scales
 from identification.diagnosis.learned_law.law_shape import Curve, LawShape
 from identification.diagnosis.learned_law.law_words import _describe_curve, describe_law, describe_terms
 from identification.diagnosis.learned_law.learning import learn_law
@@ -34,9 +35,8 @@ from identification.diagnosis.learned_law.terms import (
 )
 from identification.diagnosis.report import save
 from identification.diagnosis.residuals.multiple_shooting import can_be_segmented, fit_multiple_shooting
-from identification.diagnosis.selection.candidates import list_candidates
-from identification.diagnosis.selection.inner_validation import hold_out_last_third
-from identification.diagnosis.selection.search import FitCache, Searcher
+from identification.diagnosis.selection.fit_cache import FitCache
+from identification.diagnosis.selection.searcher import Searcher
 from identification.diagnosis.uncertainty.intervals import compute_intervals
 from identification.experiment.run import Prior
 from identification.inference.fit_result import EffectiveSample, FitResult, with_known_noise
@@ -45,10 +45,11 @@ from identification.inference.least_squares import difference_jacobian
 from identification.inference.likelihood import Likelihood
 from identification.inference.mode_search import search_kappa_modes
 from identification.inference.start_points import point_at
+from studies.diagnosis.study import fit_near
 from tests.paths import DATA
 from tests.reference.laboratory import record, write_experiment
 from tests.reference.soft_contact import SoftCradle
-from tests.synthetic import simulated_run
+from tests.synthetic import fit_with, simulated_run
 
 QUIET = lambda *_: None  # noqa: E731
 
@@ -181,7 +182,7 @@ def test_drafts_that_predict_nothing_are_passed_over(monkeypatch):
 
 def added(base, searcher, name: str):
     """The model with an effect of the catalogue, fitted."""
-    return searcher.fit_with_candidate(base, next(c for c in list_candidates(base.cradle) if c.name == name))
+    return fit_with(searcher, base, name)
 
 
 @pytest.fixture(scope="module")
@@ -226,17 +227,24 @@ def test_words_terms_and_picture(law):
 
 
 @pytest.mark.slow
-def test_a_law_outdoes_an_effect_that_bends_towards_the_truth_and_not_the_true_one(tmp_path):
-    """Quadratic drag where it is hidden: a law, whose library holds the like, is no better. Named where the hidden
-    friction is none of its kind, it gives way."""
-    for hidden, given_up in (({"quadratic_drag": {"c2": 0.01}}, False), ({"smooth_friction": {"tau_c": 1e-3}}, True)):
-        base, searcher = fitted(tmp_path / str(given_up), hidden)
-        named, law = added(base, searcher, "quadratic_drag"), learn_law(base, searcher, QUIET)
-        assert law is not None
-        assert (evidence_over_effects(law, named) > DEFAULT_CRITERIA.equivalent_log_odds) is given_up
-        beside = learn_law(base, searcher, QUIET, rival=named)
-        assert beside is not None
-        assert beside.terms == law.terms
+def test_a_law_outdoes_an_effect_that_bends_towards_the_truth_and_not_the_true_one(tmp_path, monkeypatch):
+    """Of a catalogue with quadratic drag alone. Where drag is hidden it is named; where friction is, a law has more
+    evidence."""
+    kept = ("quadratic_drag", *effects.MODELS["nsp"], *(e.name for e in LEARNED))
+    monkeypatch.setattr(effects, "_EFFECTS", {name: effects.effect(name) for name in kept})
+    for hidden, verdict in (
+        ({"quadratic_drag": {"c2": 0.01}}, "named"),
+        ({"smooth_friction": {"tau_c": 1e-3}}, "unknown"),
+    ):
+        diagnosis = diagnose(fitted(tmp_path / verdict, hidden)[0].experiment)
+        assert diagnosis.verdict == verdict
+        probable = max(diagnosis.repaired.sets, key=lambda one: one.probability)
+        assert probable.kind == ("set" if verdict == "named" else "law")
+
+
+def test_a_rival_does_not_change_the_terms_of_a_law(rubbed, law):
+    beside = learn_law(*rubbed, QUIET, rival=added(*rubbed, "quadratic_drag"))
+    assert beside is not None and beside.terms == law.terms
 
 
 def test_a_law_that_begins_far_worse_than_its_rival_is_not_completed(rubbed, law, monkeypatch):
@@ -349,7 +357,7 @@ def test_runs_at_several_times_share_no_force_in_time(tmp_path):
     experiment = with_known_noise(Experiment.load(write_experiment(tmp_path, recordings)))
     shared = dataclasses.replace(experiment, runs=tuple(dataclasses.replace(r, file="a.csv") for r in experiment.runs))
     for runs in (experiment, shared):  # whatever their files are called
-        base = Searcher(FitCache(None, ""), 0, None).fit_from_values(runs, {})
+        base = fit_near(Searcher(FitCache(None, ""), 0, None), runs, {})
         assert (
             add_periodic_terms(LinearModel.of(fit_multiple_shooting(base), law_scales(base)), law_scales(base), ())
             is None
@@ -360,7 +368,7 @@ def test_a_single_window_shows_no_force_in_time(tmp_path):
     """Of 6.6 s, 4.4 are fitted."""
     cradle = SoftCradle(1, stiffness_factor=1e6, kappa=190.0, k_f=18000.0, b=0.002)
     path = write_experiment(tmp_path, [record(cradle, {1: 0.3}, duration=6.6, seed=3, noise=3e-4)])
-    base = Searcher(FitCache(None, ""), 0, None).fit_from_values(with_known_noise(Experiment.load(path)), {})
+    base = fit_near(Searcher(FitCache(None, ""), 0, None), with_known_noise(Experiment.load(path)), {})
     cut = fit_multiple_shooting(base)
     assert len(cut.experiment.runs) == 1
     assert add_periodic_terms(LinearModel.of(cut, law_scales(base)), law_scales(base), ()) is None
@@ -371,9 +379,7 @@ def test_windows_of_a_model_whose_drag_or_dissipation_may_be_none(name, mean, sd
     """A normal prior reaches below zero, where there is no cradle; what is stated beside it is not of these data."""
     cradle = Cradle(bobs=2, kappa=190.0, **({"b": 1e-5} if name == "b" else {"k_f": 200.0}))
     run = simulated_run(cradle, angle=0.3, duration=12.0)
-    base = Searcher(FitCache(None, ""), 0, 1).fit_from_values(
-        Experiment(cradle, (run,), {name: Prior(mean=mean, sd=sd)}), {}
-    )
+    base = fit_near(Searcher(FitCache(None, ""), 0, 1), Experiment(cradle, (run,), {name: Prior(mean=mean, sd=sd)}), {})
     assert fit_multiple_shooting(base).values[name] >= 0.0
 
 

@@ -21,13 +21,14 @@ from identification.diagnosis.next_experiment.planned_run import (
     Setting,
     expected_log_bayes,
 )
-from identification.diagnosis.selection.candidates import list_candidates
-from identification.diagnosis.selection.search import FitCache, Searcher
+from identification.diagnosis.selection.fit_cache import FitCache
+from identification.diagnosis.selection.searcher import Searcher
 from identification.inference.fit_result import with_known_noise
 from identification.storage.schema import check_schema
 from identification.storage.stamps import write_results
 from tests.reference.laboratory import record, write_experiment
 from tests.reference.soft_contact import SoftCradle
+from tests.synthetic import fit_with
 
 TRUTH = {"k_f": 18000.0, "kappa": 190.0, "b": 0.002}
 STATED = {"k_f": 17000.0, "kappa": 187.0, "b": 0.0023}
@@ -45,8 +46,7 @@ def fitted(path, *names):
     """The model as stated, or with an effect each, fitted to all of an experiment."""
     searcher = Searcher(FitCache(None, ""), 0, 1)
     base = searcher.fit_global(with_known_noise(Experiment.load(path)))
-    known = {c.name: c for c in list_candidates(base.cradle)}
-    models = [searcher.fit_with_candidate(base, known[name]) for name in names] or [base]
+    models = [fit_with(searcher, base, name) for name in names] or [base]
     return [searcher.fit_all_data(model) for model in models]
 
 

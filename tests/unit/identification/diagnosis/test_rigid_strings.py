@@ -8,8 +8,9 @@ from cradle_env import Cradle
 from identification import Experiment
 from identification.diagnosis.criteria import MISSPECIFIED_GAP
 from identification.diagnosis.result import Diagnosis
+from identification.diagnosis.selection.fit_cache import FitCache
 from identification.diagnosis.selection.rigid_strings import choose_base_model, describe_removed_effects
-from identification.diagnosis.selection.search import FitCache, Searcher
+from identification.diagnosis.selection.searcher import Searcher
 from identification.inference.fit_result import with_known_noise
 from tests.reference.laboratory import record, write_experiment
 from tests.reference.soft_contact import SoftCradle

@@ -8,11 +8,13 @@ from scipy.signal import lombscargle
 from identification.diagnosis.residuals.periodogram import count_independent, frequency_grid, line_power
 from identification.diagnosis.residuals.residual_tests import describe_phase, scan_residuals
 from identification.diagnosis.residuals.windows import start_state_windows
-from identification.diagnosis.selection.search import FitCache, Searcher, refine_to_mode
+from identification.diagnosis.selection.fit_cache import FitCache
+from identification.diagnosis.selection.searcher import Searcher, refine_to_mode
 from identification.experiment.experiment import Experiment
 from identification.inference.fit_result import FitResult, with_known_noise
 from identification.inference.likelihood import Likelihood
 from identification.inference.start_points import point_at
+from studies.diagnosis.study import fit_near
 from tests.reference.laboratory import record, write_experiment
 from tests.reference.soft_contact import SoftCradle
 
@@ -87,7 +89,7 @@ def test_a_room_that_shakes_is_located_by_its_frequency(tmp_path):
     holds half as much."""
     shaken = {"vibration": {"acceleration": 4e-3, "frequency": 1.3, "phase": 1.0}}
     path = write_experiment(tmp_path, [recorded(TRUTH["b"], effects=shaken)], stated=TRUTH, run={"fit_to": 30.0})
-    fitted = Searcher(FitCache(None, ""), 0, 1).fit_from_values(with_known_noise(Experiment.load(path)), TRUTH)
+    fitted = fit_near(Searcher(FitCache(None, ""), 0, 1), with_known_noise(Experiment.load(path)), TRUTH)
     located = scan_residuals(fitted, fitted.replicates(100, np.random.default_rng(0), (False,)))
     assert located.where[0]["bob"] is None and located.where[0]["phase"] == "line at 1.3 Hz"
     others = [v for test, v in zip(located.tests, located.neg_log10_p, strict=True) if test.phase != "line"]
@@ -98,7 +100,7 @@ def test_a_model_that_only_bends_is_located_by_its_unknowns(tmp_path):
     """Drag by the square of the speed, met by linear drag: the beginning alone asks for more of it than the whole."""
     hidden = {"quadratic_drag": {"c2": 2e-2}}
     path = write_experiment(tmp_path, [recorded(TRUTH["b"], effects=hidden)], stated=TRUTH, run={"fit_to": 30.0})
-    fitted = Searcher(FitCache(None, ""), 0, 1).fit_from_values(with_known_noise(Experiment.load(path)), TRUTH)
+    fitted = fit_near(Searcher(FitCache(None, ""), 0, 1), with_known_noise(Experiment.load(path)), TRUTH)
     located = scan_residuals(fitted, fitted.replicates(100, np.random.default_rng(0), (False,)))
     beginnings = [i for i, test in enumerate(located.tests) if test.phase == "unknowns"]
     assert max(located.neg_log10_p[i] for i in beginnings) > 2.0 * located.replicate_maxima.max()

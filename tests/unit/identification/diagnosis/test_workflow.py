@@ -19,7 +19,6 @@ from identification.cli.app import main
 from identification.diagnosis import workflow
 from identification.diagnosis.criteria import DEFAULT_CRITERIA, fails_prediction
 from identification.diagnosis.diagnosis_content import effect_parameters
-from identification.diagnosis.examined_model import examine
 from identification.diagnosis.report import render_report, save, verdict_sentence
 from identification.diagnosis.residuals.residual_tests import chi2_log_tail, scan_residuals
 from identification.diagnosis.result import VERDICTS, Interval
@@ -30,8 +29,10 @@ from identification.diagnosis.selection.candidates import (
     starts,
     with_effects,
 )
+from identification.diagnosis.selection.examined_model import examine
+from identification.diagnosis.selection.fit_cache import FitCache
 from identification.diagnosis.selection.score_test import family_p, score
-from identification.diagnosis.selection.search import FitCache, Searcher, refine_to_mode
+from identification.diagnosis.selection.searcher import Searcher, refine_to_mode
 from identification.diagnosis.selection_path import COLUMNS, path_content, path_rows
 from identification.diagnosis.uncertainty import detection_limits
 from identification.diagnosis.uncertainty import intervals as intervals_module
@@ -40,6 +41,7 @@ from identification.experiment.run import ReleaseInfo, Run
 from identification.inference.fit_result import FitResult, with_known_noise
 from identification.inference.impossible_model import ImpossibleModelError
 from identification.inference.likelihood import Likelihood
+from studies.diagnosis.study import fit_near
 from tests.reference.laboratory import correlated_noise, record, write_experiment
 from tests.reference.soft_contact import SoftCradle
 
@@ -84,26 +86,37 @@ def test_nothing_is_missing_where_nothing_is(nothing_found, tmp_path):
     assert read_model(tmp_path / "model.toml") == ("nsp", {})
 
 
-def test_the_path_tells_what_was_compared_and_what_it_came_to(diagnosed):
+def test_the_path_shows_the_rounds_of_the_search(diagnosed):
     """Every χ² of the path is that of a fit: the chosen gain leads from the base model's to the last one's."""
     path = path_content(diagnosed.repaired)
-    first, compared, last = path[0], next(entry for entry in path if entry["candidates"]), path[-1]
+    first, last = path[0], path[-1]
+    one, another = (entry for entry in path if entry["candidates"])
     assert first["effects"] == [] and first["chi2"] == diagnosed.base.chi2 and first["p"] < 0.01
-    (chosen,) = (candidate for candidate in compared["candidates"] if candidate["chosen"])
-    assert chosen["effect"] == "quadratic_drag" and chosen["log_evidence"] > 3.0 and chosen["p"] < 0.01
+    (chosen,) = (compared for compared in one["candidates"] if compared["chosen"])
+    assert chosen["effects"] == ["quadratic_drag"] and chosen["log_evidence"] > 3.0
+    assert not any(compared["chosen"] for compared in another["candidates"])
     assert last["effects"] == ["quadratic_drag"] and last["p"] >= 0.01 and last["chi2"] == diagnosed.last.chi2
-    assert last["chi2"] <= compared["chi2"] - chosen["delta_chi2"] + 1e-6
+    assert last["chi2"] == pytest.approx(one["chi2"] - chosen["delta_chi2"], abs=1e-6)
     assert last["unknowns"] == first["unknowns"] + chosen["unknowns"]
     rows = path_rows(path)
     assert {len(row) for row in rows} == {len(COLUMNS)} and sum(row[0] == "  chosen" for row in rows) == 1
     assert rows[-1][1] == "base + quadratic_drag"
 
 
+def test_probabilities_of_all_that_may_be_missing_sum_to_one(diagnosed, nothing_found):
+    for diagnosis, kind, names in ((diagnosed, "set", ["quadratic_drag"]), (nothing_found, "nothing", [])):
+        sets = diagnosis.content()["sets"]
+        assert sum(one["probability"] for one in sets) == pytest.approx(1.0)
+        best = max(sets, key=lambda one: one["probability"])
+        assert best["kind"] == kind and best["effects"] == names and best["probability"] > 0.5
+        assert [one["kind"] for one in sets].count("nothing") == [one["kind"] for one in sets].count("other") == 1
+
+
 def test_the_hidden_effect_is_named_and_the_gap_closes(diagnosed):
     content = diagnosed.content()
     assert content["verdict"] == "named"
     (step,) = content["steps"]
-    assert step["effect"] == "quadratic_drag" and step["probability"] > 0.7
+    assert step["effect"] == "quadratic_drag" and step["probability"] > 0.99
     low, high = step["parameters"]["c2"]["ci95"]
     assert low < 0.02 < high and high - low < 0.01
     assert step["gap_before"] > 1.1 and step["gap_after"] < 1.08
@@ -148,7 +161,7 @@ def test_one_right_model_in_a_hundred_leaves_more_than_allowed(tmp_path):
 
 def test_the_scores_predict_what_refits_gain(diagnosed):
     first = next(s for s in diagnosed.repaired.examined[0].score_test.scores if s.candidate.name == "quadratic_drag")
-    refit = next(r for r in diagnosed.repaired.comparison.refits if r.candidate.name == "quadratic_drag")
+    refit = next(r for r in diagnosed.repaired.alone if r.candidate.name == "quadratic_drag")
     assert refit.gain == pytest.approx(first.gain, rel=0.1)
 
 
@@ -260,7 +273,7 @@ def test_fits_by_other_code_are_not_used(plain, tmp_path, monkeypatch):
     experiment = Experiment.load(plain)
     FitCache.of(tmp_path, experiment, 0).point("key", lambda: np.array([1.0]))
     assert FitCache.of(tmp_path, experiment, 0).points
-    monkeypatch.setattr("identification.diagnosis.selection.search.program_hash", lambda _: "other")
+    monkeypatch.setattr("identification.diagnosis.selection.fit_cache.program_hash", lambda _: "other")
     assert not FitCache.of(tmp_path, experiment, 0).points
 
 
@@ -280,7 +293,7 @@ def test_a_run_held_out_as_a_whole_has_no_part_in_replicates(plain):
     """Of several runs without fit_to the last is held out; with its noise unknown too."""
     known = with_known_noise(Experiment.load(plain))
     two = dataclasses.replace(known, runs=(known.runs[0], known.runs[0]))
-    fitted = Searcher(FitCache(None, ""), 0, None).fit_from_values(two, {})
+    fitted = fit_near(Searcher(FitCache(None, ""), 0, None), two, {})
     assert not fitted.likelihood.rows[1].any()
     assert np.isfinite(fitted.replicates(2, np.random.default_rng(0), (True, True))).all()
 

@@ -5,9 +5,11 @@ from threadpoolctl import threadpool_info, threadpool_limits
 
 from identification import Experiment, calibrate, diagnose
 from identification.diagnosis.next_experiment.design import design
-from identification.diagnosis.selection.search import FitCache, Searcher
+from identification.diagnosis.selection.fit_cache import FitCache
+from identification.diagnosis.selection.searcher import Searcher
 from identification.diagnosis.uncertainty import detection_limits, intervals
 from identification.inference.fit_result import with_known_noise
+from studies.diagnosis.study import fit_near
 from tests.reference.laboratory import record, write_experiment
 from tests.reference.soft_contact import SoftCradle
 
@@ -46,7 +48,7 @@ def test_so_it_does_while_a_report_is_made(experiment, module, compute, monkeypa
         assert threads() == {1}
         raise InterruptedError
 
-    fitted = Searcher(FitCache(None, ""), 0, None).fit_from_values(with_known_noise(experiment), {})
+    fitted = fit_near(Searcher(FitCache(None, ""), 0, None), with_known_noise(experiment), {})
     monkeypatch.setattr(module, "in_threads", in_threads)
     with threadpool_limits(3, user_api="blas"), pytest.raises(InterruptedError):
         compute(fitted)

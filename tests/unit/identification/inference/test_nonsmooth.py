@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from identification.diagnosis.selection.candidates import with_effects
-from identification.diagnosis.selection.search import FitCache, Searcher
+from identification.diagnosis.selection.fit_cache import FitCache
+from identification.diagnosis.selection.searcher import Searcher
 from identification.experiment.experiment import Experiment
 from identification.inference import mode_search, nonsmooth
 from identification.inference.fit_result import with_known_noise

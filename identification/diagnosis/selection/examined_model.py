@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from identification.diagnosis.criteria import DEFAULT_CRITERIA, Criteria
-from identification.diagnosis.residuals.residual_tests import REPLICATES, ResidualScan, scan_residuals
+from identification.diagnosis.criteria import DEFAULT_CRITERIA, REPLICATES, Criteria
+from identification.diagnosis.residuals.residual_tests import ResidualScan, scan_residuals
 from identification.diagnosis.selection.score_test import ScoreTest, score
 from identification.inference.fit_result import FitResult
 

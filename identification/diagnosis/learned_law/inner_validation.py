@@ -6,7 +6,8 @@ from __future__ import annotations
 import dataclasses
 import math
 
-from identification.diagnosis.selection.search import Searcher, fit_key, refine_to_mode
+from identification.diagnosis.selection.fit_cache import fit_key
+from identification.diagnosis.selection.searcher import Searcher, refine_to_mode
 from identification.experiment.experiment import Experiment
 from identification.experiment.train_test import training_rows
 from identification.inference.fit_result import FitResult
