@@ -360,7 +360,7 @@ def test_what_a_command_has_not_written_is_refused_before_any_work(
     monkeypatch.chdir(tmp_path)
     pair.save(tmp_path)
     (tmp_path / "calibrated").symlink_to(calibrated)
-    work = ("inference.calibration.find_mode", "diagnosis.selection.searcher.find_mode",
+    work = ("inference.calibration.normal_approximation", "diagnosis.selection.searcher.find_mode",
             "inference.posterior.Posterior.load", "bench.run.race",
             "sweep.engine.simulate")  # fmt: skip
     for name in work:
