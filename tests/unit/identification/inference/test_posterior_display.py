@@ -104,7 +104,7 @@ from identification.inference.unknowns import Unknown
 z = np.random.default_rng(0).standard_normal((1, 50, 4, 2))
 stub = Stub(unknowns=[Unknown("k_f", "N s m^-3/2", "k_f", 1.0), Unknown("b", "kg/s", "b", 1.0)], chain=z, seed=0,
     samples=lambda name: z[..., "kb".index(name[0])].ravel(), newton_exponents=None, log_density=z[..., 0],
-    gap=Gap(1.0, 1.0), convergence=Convergence(True, 1.0, 800.0, 3.0, 50, 0),
+    gap=Gap(1.0, 1.0), contributions=None, convergence=Convergence(True, 1.0, 800.0, 3.0, 50, 0),
     likelihood=Stub(noise_model=Stub(inflations=[1.0])), experiment=Stub(texts=dict, digest=""))
 """
 
