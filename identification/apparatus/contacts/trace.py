@@ -8,6 +8,7 @@ import wave
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
+from tokenize import TokenError
 from typing import Any
 
 import numpy as np
@@ -72,7 +73,7 @@ def _needed(path: Path, rate: float | None) -> float:
 def _npy(path: Path, rate: float | None) -> Trace:
     try:
         array = np.load(path, mmap_mode="r", allow_pickle=False)
-    except (ValueError, OSError, EOFError) as problem:
+    except (ValueError, OSError, EOFError, SyntaxError, TokenError) as problem:  # a header is a Python literal
         raise ExperimentError(f"{path}: no NumPy array ({problem}); save the volts with np.save") from None
     if array.ndim != 1 or array.dtype.kind not in "iuf":
         raise ExperimentError(f"{path}: an array {array.shape} of {array.dtype}; save one row of volts")
@@ -116,7 +117,7 @@ def _wav(path: Path, rate: float | None) -> Trace:
             width, channels, count, stated = (
                 file.getsampwidth(), file.getnchannels(), file.getnframes(), file.getframerate(),
             )  # fmt: skip
-    except (wave.Error, EOFError, OSError) as problem:
+    except (wave.Error, EOFError, OSError, RuntimeError) as problem:  # RuntimeError: a chunk ends beyond the file
         raise ExperimentError(f"{path}: no WAV file of whole numbers ({problem}); export PCM") from None
     if channels != 1 or width not in (2, 4):
         raise ExperimentError(f"{path}: {channels} channels of {8 * width} bits; export one channel of 16 or 32 bits")
@@ -124,7 +125,8 @@ def _wav(path: Path, rate: float | None) -> Trace:
     def blocks() -> Iterator[np.ndarray]:
         with wave.open(str(path)) as file:
             while data := file.readframes(BLOCK):
-                yield np.frombuffer(data, f"<i{width}") / float(1 << (8 * width - 1))
+                whole = data[: len(data) // width * width]  # a file that is cut off may end within a sample
+                yield np.frombuffer(whole, f"<i{width}") / float(1 << (8 * width - 1))
 
     return Trace(path, rate or float(stated), count, blocks())
 

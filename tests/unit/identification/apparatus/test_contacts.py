@@ -159,6 +159,7 @@ def test_the_command_writes_a_table(tmp_path, capsys):
         ("t.csv", b"0,1\n1,1\n2,1\n", "too few"),
         ("t.npy", b"\x93NUMPY", "no NumPy array"),
         ("t.npy", b"", "no line of numbers"),
+        ("t.npy", b"\x93NUMPY\x01\x00\x10\x00{'descr': '<f8(\n" + bytes(80), "no NumPy array"),
         ("t.raw", b"{\x01\n", "no header"),
         ("t.raw", b'{"rate": 1, "dtype": "<i2"}\n\x00', "cut off"),
         ("t.wav", b"RIFF", "no WAV file"),
