@@ -1,6 +1,6 @@
 """CSV of oscilloscopes: each maker's form gives the samples and the rate that were written, or a refusal in one line.
 
-The forms are those of the makers' manuals; the files here are written by this test.
+The forms are as public descriptions have them; the files here are written by this test.
 """
 
 import numpy as np
