@@ -10,7 +10,7 @@
 | Siglent | names and values in the first lines, then Source,CH1 and Second,Volt |
 | LeCroy | the model, segments and their times, then Time,Ampl |
 
-Others are read if their lines end with numbers in the same columns. Source: public descriptions and parsers of these forms.
+Others are read if their lines end with numbers in the same columns. Source: public descriptions and parsers.
 """
 
 from __future__ import annotations
