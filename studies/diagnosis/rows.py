@@ -7,7 +7,7 @@ import numpy as np
 from cradle_env.parameter_name import ALL, ParameterName
 from studies.diagnosis.study import SAME, SYMMETRIC
 
-KINDS = ("nothing hidden", "one effect", "two effects", "in no catalogue")
+KINDS = ("nothing hidden", "one effect", "two effects", "three effects", "in no catalogue")
 #: The χ² of the readings that the right model may leave of a case that counts.
 CONFOUNDED = 2.0
 
@@ -16,7 +16,7 @@ Row = dict
 
 def kind(row: Row) -> str:
     """Which of KINDS a case is."""
-    return KINDS[3] if row["hidden"] == ["?"] else KINDS[len(row["hidden"])]
+    return KINDS[-1] if row["hidden"] == ["?"] else KINDS[len(row["hidden"])]
 
 
 def is_confounded(row: Row) -> bool:

@@ -37,10 +37,11 @@ STIFFENED = 1e6
 _UNEVEN = frozenset({"length_mismatch", "mass_mismatch"})
 _LASTING = "contact_duration"
 TARGETS = (15.0, 50.0, 200.0)
-#: The first round that is held out, the first of those that one commit judged and of those that a later one did, and
-#: how many there are; nulls in each.
-HELD_OUT, EARLIER, LATEST, ROUNDS = 12, 22, 25, 27
-NULLS = 4
+#: The first round that is held out, the first of those that one commit judged, of those that a later one did, and of
+#: those that were judged by the search by evidence; how many there are.
+HELD_OUT, EARLIER, LATEST, SEARCH, ROUNDS = 12, 22, 25, 27, 37
+#: Cases of a round with nothing hidden, with two effects, three, and a force of no catalogue; since SEARCH, and before.
+_OTHERS, _OTHERS_BEFORE = (6, 4, 2, 6), (4, 3, 0, 4)
 #: How many wrong models the oracle refits, and how often it tries a strength.
 _REFITTED, _SEARCHES = 2, 8
 #: Strengths from which a wrong model is refitted [scales of its parameters], and how many of these starts are.
@@ -104,6 +105,10 @@ PAIRS = (
     ("quadratic_drag", "length_mismatch"), ("pivot_friction", "spacer_offset"), ("angle_offset", "quadratic_drag"),
     ("contact_duration", "length_mismatch"), ("exposure_blur", "pivot_friction"), ("spacer_offset", "mass_mismatch"),
 )  # fmt: skip
+TRIPLES = (
+    ("quadratic_drag", "length_mismatch", "exposure_blur"), ("pivot_friction", "spacer_offset", "angle_offset"),
+    ("contact_duration", "mass_mismatch", "angle_scale"), ("string_creep", "bob_attraction", "quadratic_drag"),
+)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -123,8 +128,8 @@ def is_held_out(name: str) -> bool:
 
 
 def cases(rounds: list[int]) -> list[Case]:
-    """Those of some rounds: in each every effect once, nulls, pairs, and forces of no catalogue. Which are made by a
-    variant has nothing to do with how strong they are."""
+    """Those of some rounds: in each every effect once, nulls, pairs, triples, and forces of no catalogue. Which are
+    made by a variant has nothing to do with how strong they are."""
     if min(rounds) < HELD_OUT:
         raise ValueError(f"rounds before {HELD_OUT} are made by the commits in their rows of docs/study.jsonl")
     found = []
@@ -134,13 +139,15 @@ def cases(rounds: list[int]) -> list[Case]:
             seed = 1000 * k + i
             variant = kind.variant is not None and bool(np.random.default_rng([seed, 1]).random() < 1.0 / 3.0)
             found.append(Case(f"{k:02d}-{kind.name}", (kind,), TARGETS[(k + i) % 3], variant, seed))
-        for i in range(NULLS):
+        nulls, pairs, triples, unknowns = _OTHERS if k >= SEARCH else _OTHERS_BEFORE
+        for i in range(nulls):
             found.append(Case(f"{k:02d}-nothing-{i}", (), 0.0, False, 1000 * k + 100 + i))
-        for i in range(3):
-            names = PAIRS[(3 * k + i) % len(PAIRS)]
-            found.append(Case(f"{k:02d}-pair-{i}", tuple(by_name[n] for n in names), 100.0, False, 1000 * k + 200 + i))
-        for i in range(4):
-            kind = UNKNOWNS[(4 * k + i) % len(UNKNOWNS)]
+        for word, several, count, first in (("pair", PAIRS, pairs, 200), ("triple", TRIPLES, triples, 400)):
+            for i in range(count):
+                kinds = tuple(by_name[name] for name in several[(count * k + i) % len(several)])
+                found.append(Case(f"{k:02d}-{word}-{i}", kinds, 100.0, False, 1000 * k + first + i))
+        for i in range(unknowns):
+            kind = UNKNOWNS[(unknowns * k + i) % len(UNKNOWNS)]
             found.append(Case(f"{k:02d}-unknown-{kind.name}", (kind,), 200.0, False, 1000 * k + 300 + i))
     return found
 
@@ -451,15 +458,24 @@ def _commit(folder: Path = Path(__file__).parent) -> str:
     return git("rev-parse", "--short=7", "HEAD")
 
 
-def run(case: Case, folder: Path) -> None:
-    """Makes a case and diagnoses it; its row goes to result.json."""
+#: What a row says of a case, whatever judges it.
+_OF_THE_CASE = ("case", "held_out", "bobs", "noise", "rate", "settings", "target", "variant", "oracle", "strengths",
+                "made by", "right leaves", "formula leaves")  # fmt: skip
+
+
+def run(case: Case, folder: Path, judged: dict | None) -> None:
+    """Makes a case and diagnoses it; its row goes to result.json. judged: the row of an earlier code, if there is one,
+    which says how strong that is that the case hides."""
     out = folder / case.name
     commit, apparatus = _commit(), Apparatus(case)
-    row = {
-        "case": case.name, "held_out": is_held_out(case.name), "bobs": apparatus.bobs, "noise": apparatus.noise,
-        "rate": apparatus.rate, "settings": asdict(apparatus.settings), "target": case.target,
-        "variant": case.variant, **hide(apparatus, out / "clean"), "commit": commit,
-    }  # fmt: skip
+    if judged is None:
+        row = {
+            "case": case.name, "held_out": is_held_out(case.name), "bobs": apparatus.bobs, "noise": apparatus.noise,
+            "rate": apparatus.rate, "settings": asdict(apparatus.settings), "target": case.target,
+            "variant": case.variant, **hide(apparatus, out / "clean"), "commit": commit,
+        }  # fmt: skip
+    else:
+        row = {key: judged[key] for key in _OF_THE_CASE if key in judged} | {"commit": commit}
     path = apparatus.write(out, apparatus.record(row["strengths"], True))
     names = ["?"] if apparatus.in_no_catalogue else [kind.name for kind in case.kinds]
     answer = {"effects": names, "truth": apparatus.truth}
@@ -499,7 +515,7 @@ def diagnose_case(path: Path, out: Path, answer: dict) -> dict:
     began = time.process_time()
     diagnosis = diagnose_without_advice(path)
     content = diagnosis.content()
-    row = bench.row(content, answer) | {"seconds": round(time.process_time() - began, 1)}
+    row = bench.row(content, answer) | {"sets": content["sets"], "seconds": round(time.process_time() - began, 1)}
     write_together(out, {"diagnosis.json": json_text(content)})
     hidden, first = set(answer["effects"]), diagnosis.repaired.examined[0].fitted
     refits = diagnosis.repaired.alone
@@ -518,16 +534,31 @@ def main() -> None:
     """Runs what is not yet there."""
     parser = argparse.ArgumentParser(description="The study of diagnoses.")
     parser.add_argument("folder", type=Path)
-    parser.add_argument("--rounds", type=int, nargs="+", default=list(range(HELD_OUT, ROUNDS)))
+    parser.add_argument("--rounds", type=int, nargs="+", default=list(range(SEARCH, ROUNDS)))
+    parser.add_argument("--misses", action="store_true", help="judge again what an earlier selection missed")
     parser.add_argument("--processes", type=int, default=2)
     chosen = parser.parse_args()
     _commit()
-    left = [case for case in cases(chosen.rounds) if not (chosen.folder / case.name / "result.json").is_file()]
-    # What is done when it stops is a fair part for each number of bobs, the few first: they take minutes, five an hour.
+    judged = missed_before() if chosen.misses else {}
+    rounds = range(HELD_OUT, SEARCH) if chosen.misses else chosen.rounds
+    left = [
+        case for case in cases([*rounds])
+        if (case.name in judged or not chosen.misses) and not (chosen.folder / case.name / "result.json").is_file()
+    ]  # fmt: skip
+    # What is done when it stops is some whole rounds and the cases with few bobs of the next: five bobs take an hour.
     np.random.default_rng(0).shuffle(left)  # type: ignore[arg-type]
-    left.sort(key=lambda case: Apparatus(case).bobs)
+    left.sort(key=lambda case: ("" if chosen.misses else case.name[:2], Apparatus(case).bobs))
     with multiprocessing.get_context("spawn").Pool(chosen.processes, maxtasksperchild=20) as pool:
-        pool.starmap(run, [(case, chosen.folder) for case in left], chunksize=1)
+        pool.starmap(run, [(case, chosen.folder, judged.get(case.name)) for case in left], chunksize=1)
+
+
+def missed_before() -> dict[str, dict]:
+    """The rows of the held-out cases that the earlier selection missed, by their names."""
+    from studies.diagnosis.rows import is_exact
+    from studies.kept_rows import read_rows
+
+    rows = read_rows(Path(__file__).parents[2] / "docs" / "study.jsonl")
+    return {row["case"]: row for row in rows if is_held_out(row["case"]) and not is_exact(row)}
 
 
 if __name__ == "__main__":

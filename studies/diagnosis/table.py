@@ -46,7 +46,7 @@ PARTS = {f"held out, {LATEST} and {ROUNDS - 1}": range(LATEST, ROUNDS),
          "held out before": range(HELD_OUT, EARLIER), "looked at": range(HELD_OUT)}  # fmt: skip
 HELD = tuple(name for name, rounds in PARTS.items() if rounds.start >= HELD_OUT)
 #: How many cases of each of KINDS were planned in the rounds before HELD_OUT.
-PLANNED = (120, 180, 36, 48)
+PLANNED = (120, 180, 36, 0, 48)
 
 ROWS, PAGE = (Path(__file__).parents[2] / "docs" / name for name in ("study.jsonl", "study.md"))
 
@@ -229,7 +229,7 @@ def _planned(part: str) -> Counter[tuple[str, int]]:
     found: Counter[tuple[str, int]] = Counter()
     for case in cases([*PARTS[part]]):
         apparatus = Apparatus(case)
-        name = KINDS[3 if apparatus.in_no_catalogue else len(case.kinds)]
+        name = KINDS[-1 if apparatus.in_no_catalogue else len(case.kinds)]
         found[name, apparatus.bobs] += 1
     return found
 

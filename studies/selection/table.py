@@ -15,7 +15,7 @@ GROUPS: tuple[tuple[str, Callable[[Row], bool]], ...] = (
     (f"one effect, Δχ² ≥ {STRONG:.0f}", lambda row: kind(row) == KINDS[1] and row["oracle"] >= STRONG),
     (f"one effect, Δχ² < {STRONG:.0f}", lambda row: kind(row) == KINDS[1] and row["oracle"] < STRONG),
     ("two effects", lambda row: kind(row) == KINDS[2]),
-    ("in no catalogue", lambda row: kind(row) == KINDS[3]),
+    ("in no catalogue", lambda row: kind(row) == KINDS[-1]),
     ("all", lambda _: True),
 )
 
