@@ -75,3 +75,20 @@ def rightly_named(rows: list[Row]) -> list[Row]:
         for row in rows
         if row["right"] and sorted([*row["named"], *(row["one of"] or [[]])[0]]) == sorted(row["hidden"])
     ]
+
+
+def stated_probabilities(row: Row) -> list[tuple[float, bool]]:
+    """(probability, whether it is right) of each explanation of a diagnosis; sets that are the same in all data are
+    one. That of all other sets is left out, for it explains nothing."""
+    same = SAME if SAME.isdisjoint(row["hidden"]) else SYMMETRIC
+    hidden, found = _merged(row["hidden"], same), {}
+    for one in row["sets"]:
+        if one["kind"] != "other":
+            own = frozenset("?") if one["kind"] == "law" else _merged(one["effects"], same)
+            found[own] = found.get(own, 0.0) + one["probability"]
+    return [(min(1.0, probability), own == hidden) for own, probability in found.items()]
+
+
+def _merged(names: list[str], same: frozenset[str]) -> frozenset[str]:
+    """A set of effects, with one name for those that are the same in all data."""
+    return frozenset("clock_scale" if name in same else name for name in names)

@@ -37,9 +37,8 @@ STIFFENED = 1e6
 _UNEVEN = frozenset({"length_mismatch", "mass_mismatch"})
 _LASTING = "contact_duration"
 TARGETS = (15.0, 50.0, 200.0)
-#: The first round that is held out, the first of those that one commit judged, of those that a later one did, and of
-#: those that were judged by the search by evidence; how many there are.
-HELD_OUT, EARLIER, LATEST, SEARCH, ROUNDS = 12, 22, 25, 27, 37
+#: The first round that is held out, and the first that was judged by the search by evidence; how many there are.
+HELD_OUT, SEARCH, ROUNDS = 12, 27, 37
 #: Cases of a round with nothing hidden, with two effects, three, and a force of no catalogue; since SEARCH, and before.
 _OTHERS, _OTHERS_BEFORE = (6, 4, 2, 6), (4, 3, 0, 4)
 #: How many wrong models the oracle refits, and how often it tries a strength.

@@ -6,17 +6,20 @@ docs/study.md is made of all.
 
 from __future__ import annotations
 
+import argparse
 import functools
 import itertools
 import json
 import math
-import sys
 from collections import Counter
 from collections.abc import Callable, Iterable
 from pathlib import Path
 
 import numpy as np
+from matplotlib.figure import Figure
+from scipy.stats import binomtest
 
+from cradle_env.plot_style import BLUE, GREY, png, styled
 from studies.diagnosis.errors import REPETITIONS, choose_rows
 from studies.diagnosis.errors import ROWS as AGAIN_ROWS
 from studies.diagnosis.rows import (
@@ -30,9 +33,10 @@ from studies.diagnosis.rows import (
     kind,
     reported_names,
     rightly_named,
+    stated_probabilities,
     values_covered,
 )
-from studies.diagnosis.study import EARLIER, HELD_OUT, LATEST, ROUNDS, STIFFENED, Apparatus, cases
+from studies.diagnosis.study import HELD_OUT, ROUNDS, SEARCH, STIFFENED, Apparatus, cases
 from studies.kept_rows import format_count, read_rows
 
 #: Cases by what the best wrong model, refitted, leaves over the right one, by the oracle [Δχ²].
@@ -40,15 +44,20 @@ BINS = ((-math.inf, 35.0, "about 15"), (35.0, 100.0, "about 50"), (100.0, math.i
 _UNKNOWNS = ("k_f", "kappa", "b")
 #: Errors of fewer cases say nothing.
 FEWEST = 5
-#: The parts of the study, by their rounds; which are held out.
-PARTS = {f"held out, {LATEST} and {ROUNDS - 1}": range(LATEST, ROUNDS),
-         f"held out, {EARLIER} to {LATEST - 1}": range(EARLIER, LATEST),
-         "held out before": range(HELD_OUT, EARLIER), "looked at": range(HELD_OUT)}  # fmt: skip
+#: The parts of the study, by their rounds: those of the search by evidence, and those of the selection before it.
+BY_EVIDENCE = "search by evidence, held out"
+PARTS = {BY_EVIDENCE: range(SEARCH, ROUNDS), "earlier selection, held out": range(HELD_OUT, SEARCH),
+         "earlier selection, looked at": range(HELD_OUT)}  # fmt: skip
 HELD = tuple(name for name, rounds in PARTS.items() if rounds.start >= HELD_OUT)
+#: Stated probabilities between which explanations are counted together.
+RELIABILITY = (0.0, 0.05, 0.2, 0.5, 0.8, 0.95, 1.0)
 #: How many cases of each of KINDS were planned in the rounds before HELD_OUT.
 PLANNED = (120, 180, 36, 0, 48)
 
-ROWS, PAGE = (Path(__file__).parents[2] / "docs" / name for name in ("study.jsonl", "study.md"))
+ROWS, MISSES, PAGE, PICTURE = (
+    Path(__file__).parents[2] / "docs" / name
+    for name in ("study.jsonl", "study_misses.jsonl", "study.md", "reliability.png")
+)
 
 #: How long impacts of the stiffened reference last, as a share of real ones.
 SHORTENED = STIFFENED**-0.4
@@ -57,39 +66,17 @@ HEAD = f"""# How often a diagnosis is right
 
 Made by `python -m studies.diagnosis.study DIR` and `python -m studies.diagnosis.table DIR` from docs/study.jsonl,
 which keeps every case. A case is an experiment of 45 s with one run and one lifted bob, simulated by the
-soft-contact reference. It hides one effect, two effects, none, or a force that is in no catalogue. Δχ² is the
-excess in χ² of the best wrong model over the right one on noiseless data. Brackets hold 95 % intervals.
+soft-contact reference. It hides one effect, two or three effects, none, or a force that is in no catalogue. Δχ² is
+the excess in χ² of the best wrong model over the right one on noiseless data. Brackets hold 95 % intervals.
 
-**All rows were judged by an earlier selection**, which added effects one by one. The search by evidence has replaced
-it; `studies/selection/results.md` compares the two on cases of this table.
+**The search by evidence** judged rounds {SEARCH} and later: one commit, fresh seeds, each case once. Nothing was chosen
+by looking at them. **The earlier selection** added effects one by one. It judged rounds {HELD_OUT} to {SEARCH - 1} once
+each, but its rules changed with the misses of some of them; rounds 0 to {HELD_OUT - 1} had been looked at. Of what
+the earlier selection missed in rounds {HELD_OUT} to {SEARCH - 1}, the search by evidence has judged the same data again
+(`--misses`); the table below tells old from new. That table can only show gains; the first one is the fair comparison.
 
-**Held out** are rounds {HELD_OUT} to {ROUNDS - 1}. Each case was judged once, by a procedure that was not tuned to
-it. If a miss led to a change of the procedure, only later rounds were judged with it. During the rounds before
-{EARLIER} the procedure was still being changed. Three changes came from misses of these rounds:
-
-- `12-clock_scale` led to a global search for a clock error.
-- `20-length_mismatch` led to a global search for any effect if the first one leaves more than noise.
-- The wrong names of rounds 18 to 20 led to the rule that held-out data refute an effect whose model predicts them
-  worse than right models do.
-
-One commit, with all three changes, judged rounds {EARLIER} to {LATEST - 1}. Another commit judged rounds {LATEST}
-and later. It also has the changes to which rounds {EARLIER} to {LATEST - 1} led:
-
-- `23-added_mass`: the diagnosis repeats its decisions if an effect leads to a better mode.
-- Intervals of frames were too narrow: intervals now cover other shapes of an effect. In 17 separate cases with N =
-  2 and 3, 33 of 51 hidden values lay within their intervals before this change, and 49 of 51 since.
-- Weak effects were missed: the diagnosis also refits if noise alone leaves as much in one of ten experiments. In 72
-  separate cases with N = 1 and 2 and nothing hidden, 6 met this condition, and no effect was named.
-- Effects were named for kinks of strings: laws can now act along the strings, and bobs rest where such forces let
-  them.
-
-A later review of that code corrected fits of laws that never ended, and the rest positions of bobs in a shaking
-room. No row shows these corrections.
-
-The procedure was developed on rounds 0 to {HELD_OUT - 1}. The misses of odd rounds, too, had been printed while the
-searches were changed. Other code made these rounds, that of the commits below. In them Δχ² is the χ² of the best
-wrong model itself, frames that differ from their formula cannot be told from it, all bobs start unstretched, no
-frame is missing, and the noise is white and stated in the file.
+In the rounds before {HELD_OUT}, Δχ² is the χ² of the best wrong model itself, frames that differ from their formula
+cannot be told from it, all bobs start unstretched, no frame is missing, and the noise is white and stated in the file.
 
 **Stated correctly** are lengths, masses, δ, how bobs start, and the noise if it is stated. The start values of k_f,
 κ and b are wrong by up to 15 %, and the release angle by its stated uncertainty of 1 mrad. The held-out cases vary,
@@ -97,6 +84,15 @@ each property independently: half start hanging, a quarter do not state the nois
 and in an eighth the noise, which is stated, has a correlation of 0.3 from frame to frame. Impacts of the reference
 last {SHORTENED:.4f} of real ones, unless their duration is the hidden effect. With three or more bobs that hang
 unevenly they last as long as real ones, and the file says so.
+"""
+
+RELIABLE = """## Whether the probabilities are right
+
+`sets` of `diagnosis.json` has a probability for each explanation: a set of effects, a law, nothing. If they are
+calibrated, of the explanations with a probability of 0.9 nine in ten are right. Effects that are the same in all data
+count as one. A law is right if the hidden force is in no catalogue.
+
+![Share of right explanations against their stated probability](reliability.png)
 """
 
 
@@ -123,13 +119,13 @@ def table(header: Iterable[str], lines: Iterable[Iterable[object]]) -> list[str]
 
 def summary(rows: list[Row]) -> dict[str, str]:
     """Shares of some cases, by what they are of."""
-    nulls, singles, pairs, unknown = ([row for row in rows if kind(row) == name] for name in KINDS)
+    nulls, singles, pairs, triples, unknown = ([row for row in rows if kind(row) == name] for name in KINDS)
     found = {
-        "nothing hidden: found something (≤ 5 %)": format_share(nulls, lambda r: r["verdict"] != "nothing_missing")
+        "nothing hidden: found something (≤ 3 %)": format_share(nulls, lambda r: r["verdict"] != "nothing_missing")
     }
     for low, high, name in BINS:
         some = [row for row in singles if low <= row["oracle"] < high]
-        promise = " (≥ 90 %)" if low >= BINS[1][0] else ""
+        promise = " (≥ 95 %)" if low >= BINS[1][0] else ""
         found |= {
             f"one effect, Δχ² {name}: it comes first{promise}": format_share(some, comes_first),
             f"one effect, Δχ² {name}: it is in the reported set (≥ 98 %)":
@@ -139,7 +135,7 @@ def summary(rows: list[Row]) -> dict[str, str]:
         }  # fmt: skip
     varied = [row for row in singles if row["variant"] and row["oracle"] >= BINS[1][0]]
     sizes = Counter(max(1, len(row["one of"])) for row in singles if is_exact(row))
-    good = [row for row in rows if kind(row) in ("one effect", "two effects") and is_exact(row)]
+    good = [row for row in rows if kind(row) in KINDS[1:-1] and is_exact(row)]
     values = [value for row in good if not row["variant"] for value in values_covered(row)]
     seconds = np.array([row["seconds"] for row in rows])
     return found | {
@@ -147,11 +143,16 @@ def summary(rows: list[Row]) -> dict[str, str]:
             varied, comes_first
         ),
         "one effect, exactly right: so many sets reported": ", ".join(f"{k}: {sizes[k]}" for k in sorted(sizes)),
-        "two effects: both named (≥ 70 %)": format_share(pairs, lambda r: set(r["hidden"]) <= reported_names(r)),
-        "in no catalogue: unknown (≥ 80 %)": format_share(unknown, lambda r: r["verdict"] == "unknown"),
+        "two effects: both named (≥ 85 %)": format_share(pairs, lambda r: set(r["hidden"]) <= reported_names(r)),
+        "two effects: exactly right": format_share(pairs, is_exact),
+        "three effects: all named (≥ 60 %)": format_share(triples, lambda r: set(r["hidden"]) <= reported_names(r)),
+        "three effects: exactly right": format_share(triples, is_exact),
+        "in no catalogue: unknown (≥ 85 %)": format_share(unknown, lambda r: r["verdict"] == "unknown"),
         "in no catalogue: a wrong name (≤ 5 %)": format_share(unknown, lambda r: bool(reported_names(r))),
         "named rightly: held-out gap ≤ 1.05 (all)": format_share(good, lambda r: r["gap after"] <= 1.05),
-        "named rightly: values of what is hidden within their 95 % intervals": format_count(sum(values), len(values)),
+        "named rightly: values of what is hidden within their 95 % intervals (93–97 %)": format_count(
+            sum(values), len(values)
+        ),
         "seconds of one core a case, without advice: median, largest": f"{np.median(seconds):.0f}, {seconds.max():.0f}",
     }
 
@@ -247,6 +248,54 @@ def progress_table(parts: dict[str, list[Row]]) -> list[str]:
     return table(("", "", "N = 1", "2", "3", "5", "all"), lines)
 
 
+def reliability_bins(rows: list[Row]) -> list[tuple[float, float, list[float], list[bool]]]:
+    """(low, high, stated probabilities, whether each is right) of all explanations of some cases; see RELIABILITY."""
+    pairs = [pair for row in rows for pair in stated_probabilities(row)]
+    found = []
+    for low, high in itertools.pairwise(RELIABILITY):
+        own = [(p, right) for p, right in pairs if low <= p < high or p == high == 1.0]
+        found.append((low, high, [p for p, _ in own], [right for _, right in own]))
+    return found
+
+
+def reliability_table(rows: list[Row]) -> list[str]:
+    """Stated probabilities, and how many of them were right."""
+    lines = [
+        (f"{low:g} to {high:g}", f"{np.mean(stated):.2f}" if stated else "–", format_count(sum(right), len(right)))
+        for low, high, stated, right in reliability_bins(rows)
+    ]
+    return table(("stated probability", "mean", "right"), lines)
+
+
+@styled
+def draw_reliability(rows: list[Row], path: Path) -> None:
+    """The reliability diagram."""
+    figure = Figure(figsize=(4.2, 3.8), layout="constrained")
+    axes = figure.subplots()
+    axes.plot([0.0, 1.0], [0.0, 1.0], color=GREY, linestyle="--", label="calibrated")
+    for _, _, stated, right in reliability_bins(rows):
+        if right:
+            interval = binomtest(sum(right), len(right)).proportion_ci(method="wilson")
+            share, at = float(np.mean(right)), float(np.mean(stated))
+            axes.errorbar(at, share, [[share - interval.low], [interval.high - share]], fmt="o", color=BLUE, capsize=3)
+            axes.annotate(f"of {len(right)}", (at, share), (5, -10), textcoords="offset points", fontsize="small")
+    axes.set(xlabel="stated probability of an explanation", ylabel="share of them that is right, 95 % interval")
+    axes.set(xlim=(-0.02, 1.02), ylim=(-0.02, 1.02), aspect="equal")
+    axes.legend(loc="upper left")
+    path.write_bytes(png(figure))
+
+
+def old_and_new_table(rows: list[Row], again: list[Row]) -> list[str]:
+    """What the earlier selection missed, and what the search by evidence says of the same data. again: its rows."""
+    old = {row["case"]: row for row in rows}
+    lines = [
+        (*_what(row), *(f"{one['verdict']}: {_found(one) or '–'}" for one in (old[row["case"]], row)),
+         "right" if is_exact(row) else "missed", f"{old[row['case']]['seconds']:.0f} → {row['seconds']:.0f}")
+        for row in again
+    ]  # fmt: skip
+    return table((*_WHAT, "earlier selection", "search by evidence", "now", "CPU s"), lines)
+
+
 def misses_table(rows: list[Row]) -> list[str]:
     """Every case that is not right. margin: the Δχ² of the fits to these very data; errors of k_f, κ and b."""
     lines = []
@@ -311,14 +360,16 @@ def _split_by_part(rows: list[Row]) -> dict[str, list[Row]]:
     return {name: [row for row in rows if rounds[row["case"]] in own] for name, own in PARTS.items()}
 
 
-def render_page(rows: list[Row], again: list[Row]) -> str:
-    """The whole page. again: the rows of `study_errors`."""
+def render_page(rows: list[Row], again: list[Row], misses: list[Row] | None = None) -> str:
+    """The whole page. again: the rows of `study_errors`. misses: of the misses that are judged again."""
     counted = [row for row in rows if not is_confounded(row)]
     parts = _split_by_part(counted)
     shares = [summary(some) if some else {} for some in parts.values()]
     lines = ((name, *(one.get(name, "–") for one in shares)) for name in next(filter(None, shares)))
     commits = ", ".join(f"{n} by {commit}" for commit, n in Counter(row["commit"] for row in rows).most_common())
     page = [HEAD, *table(("", *(f"{name}: {len(some)} cases" for name, some in parts.items())), lines)]
+    if parts[BY_EVIDENCE]:
+        page += [RELIABLE, *reliability_table(parts[BY_EVIDENCE]), "## Errors of the unknowns\n"]
     page += ["Errors of the unknowns over their standard deviations, where the verdict is right: mean (≤ 0.2), rms",
              "(0.8 to 1.25), and in brackets of how many.\n", *errors_table(parts)]  # fmt: skip
     if again:
@@ -336,6 +387,12 @@ def render_page(rows: list[Row], again: list[Row]) -> str:
              "hidden is weaker than what the diagnosis says these data may hide, where the row has it.\n"]  # fmt: skip
     for name, some in parts.items():
         page += [f"{name.capitalize()}:\n", *misses_table(some)] if not all(map(is_exact, some)) else []
+    if misses:
+        right = format_count(sum(map(is_exact, misses)), len(misses))
+        page += ["## What the earlier selection missed, judged again\n",
+                 f"Right now: {right} of those judged again so far. Seconds are of one core's processor, those of the",
+                 "earlier selection on an older and slower simulator.\n",
+                 *old_and_new_table(rows, misses)]  # fmt: skip
     page += ["## Errors beyond 3 standard deviations where the verdict is right\n", *large_errors_table(counted)]
     if len(counted) < len(rows):
         page += [f"## Counted nowhere: the right model itself leaves a χ² of more than {CONFOUNDED:g}\n",
@@ -344,14 +401,20 @@ def render_page(rows: list[Row], again: list[Row]) -> str:
 
 
 def main() -> None:
-    """Adds the cases of a folder to those kept, and writes the page anew."""
-    rows = {row["case"]: row for row in read_rows(ROWS)}
-    for row in map(load_row, Path(sys.argv[1]).glob("*/result.json")):
+    """Adds the cases of a folder to those kept, and writes the page and its picture anew."""
+    parser = argparse.ArgumentParser(description="The tables of the study of diagnoses.")
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("--misses", action="store_true", help="the folder holds misses that were judged again")
+    chosen = parser.parse_args()
+    path = MISSES if chosen.misses else ROWS
+    rows = {row["case"]: row for row in read_rows(path)}
+    for row in map(load_row, chosen.folder.glob("*/result.json")):
         known = {key: value for key, value in rows.get(row["case"], {}).items() if key == "reason"}
         rows[row["case"]] = {**known, **row}  # a reason may have been found since
-    kept = [rows[case] for case in sorted(rows)]
-    ROWS.write_text("".join(json.dumps(row) + "\n" for row in kept), encoding="utf-8")
-    PAGE.write_text(render_page(kept, read_rows(AGAIN_ROWS)), encoding="utf-8")
+    path.write_text("".join(json.dumps(rows[case]) + "\n" for case in sorted(rows)), encoding="utf-8")
+    kept = read_rows(ROWS)
+    PAGE.write_text(render_page(kept, read_rows(AGAIN_ROWS), read_rows(MISSES)), encoding="utf-8")
+    draw_reliability(_split_by_part([row for row in kept if not is_confounded(row)])[BY_EVIDENCE], PICTURE)
 
 
 if __name__ == "__main__":
