@@ -90,7 +90,8 @@ RELIABLE = """## Whether the probabilities are right
 
 `sets` of `diagnosis.json` has a probability for each explanation: a set of effects, a law, nothing. If they are
 calibrated, of the explanations with a probability of 0.9 nine in ten are right. Effects that are the same in all data
-count as one. A law is right if the hidden force is in no catalogue.
+count as one. A law is right if the hidden force is in no catalogue. Where a test refutes the most probable
+explanation, the probabilities count nowhere.
 
 ![Share of right explanations against their stated probability](reliability.png)
 """

@@ -209,14 +209,16 @@ def test_the_page_is_made_of_the_rows():
 )  # fmt: skip
 def test_a_probability_counts_for_the_explanation_that_it_was_given(hidden, sets, expected):
     of = [{"kind": kind, "effects": [*names], "probability": p} for (kind, names), p in sets.items()]
-    found = stated_probabilities({"hidden": hidden, "sets": of})
+    found = stated_probabilities({"hidden": hidden, "sets": of, "verdict": "unknown" if hidden == ["?"] else "named"})
     assert [p for p, _ in found] == pytest.approx([p for p, _ in expected])
     assert [right for _, right in found] == [right for _, right in expected]
+    refuted = {"hidden": hidden, "sets": of, "verdict": "unknown"}
+    assert stated_probabilities(refuted) == (found if hidden == ["?"] else [])
 
 
 def test_probabilities_are_counted_beside_what_was_right():
     of = [{"kind": "nothing", "effects": [], "probability": 0.9}]
-    lines = reliability_table([{"hidden": hidden, "sets": of} for hidden in ([], [], [], ["a"])])
+    lines = reliability_table([{"hidden": hidden, "sets": of, "verdict": "named"} for hidden in ([], [], [], ["a"])])
     assert "| 0.8 to 0.95 | 0.90 | 3 of 4 (30–95 %) |" in lines
 
 

@@ -1,1 +1,0 @@
-"""Selection of missing effects by one fit, one criterion and one loop, measured against `diagnose`."""
