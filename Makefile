@@ -11,7 +11,7 @@
 VENV := .venv
 BIN := $(VENV)/bin
 JOBS ?= auto
-PYTEST := $(BIN)/python -m pytest --numprocesses $(JOBS) --maxprocesses 8 --dist worksteal --durations 15 --durations-min 5
+PYTEST := $(BIN)/python -m pytest --numprocesses $(JOBS) --maxprocesses 8 --dist loadfile --durations 15 --durations-min 5
 
 # Python compiles what it imports: not all that pip installs, which takes half of its time.
 INSTALL := $(BIN)/python -m pip install -qq --disable-pip-version-check --no-compile --editable

@@ -38,7 +38,7 @@ def rms(errors):
 
 @pytest.mark.parametrize("bobs", [1, 2, 5])
 def test_centres_are_found_to_a_tenth_of_a_pixel(tmp_path, bobs):
-    errors = tracked(tmp_path, Case(bobs, {bobs: 0.2}, duration=2.0))
+    errors = tracked(tmp_path, Case(bobs, {bobs: 0.2}, duration=1.2))
     assert rms(errors) < CENTRES and not np.isnan(errors).any()
 
 
@@ -72,6 +72,7 @@ def test_the_round_end_of_a_hand_is_no_bob(tmp_path):
     assert not np.isnan(errors[8:]).any() and not np.isnan(errors[:, 1]).any()
 
 
+@pytest.mark.slow
 def test_what_has_no_edge_does_not_say_who_the_others_are(tmp_path):
     """Bobs 3 and 4 of five are hidden. Something faint beside them is no bob, or the fifth would be the fourth."""
     case = replace(draw(138, 600)[0], duration=8.6)
@@ -128,7 +129,7 @@ def test_times_that_a_container_rounds_are_made_even():
 def filmed(tmp_path_factory):
     """A film of two bobs, and what is true of it."""
     folder = tmp_path_factory.mktemp("film")
-    return folder / "film.mp4", make(folder / "film.mp4", Case(2, {2: 0.2}, duration=5.0, camera=Camera(roll=0.01)))
+    return folder / "film.mp4", make(folder / "film.mp4", Case(2, {2: 0.2}, duration=3.2, camera=Camera(roll=0.01)))
 
 
 def test_angles_agree_with_the_motion_within_what_is_said_of_them(filmed):

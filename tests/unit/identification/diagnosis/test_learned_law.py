@@ -242,17 +242,20 @@ def test_a_law_outdoes_an_effect_that_bends_towards_the_truth_and_not_the_true_o
         assert probable.kind == ("set" if verdict == "named" else "law")
 
 
+@pytest.mark.slow
 def test_a_rival_does_not_change_the_terms_of_a_law(rubbed, law):
     beside = learn_law(*rubbed, QUIET, rival=added(*rubbed, "quadratic_drag"))
     assert beside is not None and beside.terms == law.terms
 
 
+@pytest.mark.slow
 def test_a_law_that_begins_far_worse_than_its_rival_is_not_completed(rubbed, law, monkeypatch):
     """A gap half as large as that of the law itself would be less than the noise."""
     monkeypatch.setattr(learning_module, "_MAX_GAP_OVER_RIVAL", 0.5)
     assert learn_law(*rubbed, QUIET, rival=law.fitted) is None
 
 
+@pytest.mark.slow
 def test_a_law_that_leaves_noise_gets_no_further_terms(rubbed, law, monkeypatch):
     assert only_noise(law.fitted, DEFAULT_CRITERIA)
     looked, views = [], learning_module._linearize_free_run
@@ -305,6 +308,7 @@ def swinging(shaken):
     return learn_law(*shaken, QUIET)
 
 
+@pytest.mark.slow
 def test_a_room_that_shakes_is_learned_with_its_frequency_and_acceleration(shaken, swinging):
     """Pulls are normal, below 3 in 99.7 of 100; the intervals are narrow enough that a quarter of a line's width, or a
     tenth of the acceleration, would be seen."""
@@ -502,6 +506,7 @@ def test_the_inner_split_never_sees_what_is_held_out(rubbed):
     assert part.held_out.any() and part.fit_to == pytest.approx(2.0 / 3.0 * split, rel=0.01)
 
 
+@pytest.mark.slow
 def test_the_real_pendulum():
     """Its friction is no textbook law: linear damping leaves 57 mrad on the last third, linear, quadratic and dry
     together 25. The law leaves 3.7 at the tolerance of the inference, 4.4 at twice and 3.7 at a fiftieth of it. When

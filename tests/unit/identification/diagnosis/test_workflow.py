@@ -68,6 +68,17 @@ def nothing_found(plain):
 
 
 @pytest.fixture(scope="module")
+def alone(tmp_path_factory):
+    """One bob, which is soon diagnosed."""
+    return written(tmp_path_factory.mktemp("alone"), bobs=1)
+
+
+@pytest.fixture(scope="module")
+def alone_diagnosed(alone):
+    return diagnose(Experiment.load(alone))
+
+
+@pytest.fixture(scope="module")
 def dragged(tmp_path_factory):
     return written(tmp_path_factory.mktemp("dragged"), {"quadratic_drag": {"c2": 0.02}})
 
@@ -179,15 +190,14 @@ def test_files_of_a_diagnosis(diagnosed, tmp_path):
     assert content["steps"][0]["effect"] in page
 
 
-def test_the_report_says_why_no_run_is_planned(nothing_found, tmp_path):
+def test_the_report_says_why_no_run_is_planned(nothing_found, alone_diagnosed):
     def said(diagnosis):
         return " ".join(render_report(dataclasses.replace(diagnosis, advice=None), diagnosis.content()).split())
 
     swinging = dataclasses.replace(nothing_found.experiment.runs[0], state="free", release=None)
     unreleased = dataclasses.replace(nothing_found.experiment, runs=(swinging,))
-    alone = diagnose(Experiment.load(written(tmp_path, bobs=1)))
-    assert alone.advice is None
-    assert "λ: one bob has none to synchronize with" in said(alone)
+    assert alone_diagnosed.advice is None
+    assert "λ: one bob has none to synchronize with" in said(alone_diagnosed)
     assert "the first run states none" in said(dataclasses.replace(nothing_found, experiment=unreleased))
     assert "could not be simulated for long enough" in said(nothing_found)
 
@@ -230,8 +240,8 @@ def test_twins_are_equivalent_and_the_advice_cannot_part_them(tmp_path, monkeypa
     assert [sorted(pair) for pair in content["advice"]["inseparable"]] == [[["quadratic_drag"], ["twin_drag"]]]
 
 
-def test_an_interrupted_diagnosis_goes_on(plain, nothing_found, tmp_path, monkeypatch):
-    experiment = Experiment.load(plain)
+def test_an_interrupted_diagnosis_goes_on(alone, alone_diagnosed, tmp_path, monkeypatch):
+    experiment = Experiment.load(alone)
 
     def stop(stage, *_):
         if stage == "locate":
@@ -245,11 +255,11 @@ def test_an_interrupted_diagnosis_goes_on(plain, nothing_found, tmp_path, monkey
     whole = diagnose(experiment, out=tmp_path, progress=lambda stage, _, text: stages.append((stage, text)))
     assert [text for stage, text in stages if stage == "search"] == ["the model as given"]  # not searched again
     assert json.loads((tmp_path / "fits.json").read_text(encoding="utf-8"))["points"].items() >= kept.items()
-    assert whole.content() == nothing_found.content()
+    assert whole.content() == alone_diagnosed.content()
     # Interrupted after that: what was worked out for the report is there, too.
     for module, name in ((detection_limits, "_follow_where_nonlinear"), (intervals_module, "_interval_end")):
         monkeypatch.setattr(module, name, lambda *_: pytest.fail("this was known"))
-    assert diagnose(experiment, out=tmp_path).content() == nothing_found.content()
+    assert diagnose(experiment, out=tmp_path).content() == alone_diagnosed.content()
 
 
 def test_fits_of_other_inputs_are_not_used(tmp_path):
@@ -426,8 +436,8 @@ def test_too_few_readings_are_refused(tmp_path, capsys):
     assert main(["diagnose", str(tmp_path / "none.toml"), "--out", str(tmp_path / "out")]) == 2
 
 
-def test_the_command(plain, tmp_path, capsys):
-    assert main(["diagnose", str(plain), "--out", str(tmp_path), "--workers", "1", "--explain"]) == 0
+def test_the_command(alone, tmp_path, capsys):
+    assert main(["diagnose", str(alone), "--out", str(tmp_path), "--workers", "1", "--explain"]) == 0
     printed = capsys.readouterr().out
     assert "the base model" in printed.partition("nothing_missing: Nothing is missing")[0]
     assert {"diagnosis.json", "model.toml", "report.html", "fits.json"} <= {p.name for p in tmp_path.iterdir()}
