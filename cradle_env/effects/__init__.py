@@ -24,6 +24,7 @@ from cradle_env.effects.learned_impact import learned_impact
 from cradle_env.effects.learned_pair import learned_pair
 from cradle_env.effects.length_mismatch import length_mismatch
 from cradle_env.effects.mass_mismatch import mass_mismatch
+from cradle_env.effects.oblique_view import oblique_view
 from cradle_env.effects.pivot_friction import pivot_friction
 from cradle_env.effects.quadratic_drag import quadratic_drag
 from cradle_env.effects.radial_elasticity import radial_elasticity
@@ -56,6 +57,9 @@ CATALOGUE: tuple[Effect, ...] = (
     clock_scale,
 )
 
+#: What a film states of its camera: known by name, never candidates for a name, for other instruments do not have it.
+FILMED: tuple[Effect, ...] = (oblique_view,)
+
 #: Effects whose parameters are a law learned from data: known by name, never candidates for a name.
 LEARNED: tuple[Effect, ...] = (learned_force, learned_pair, learned_impact)
 
@@ -66,7 +70,7 @@ MODELS: dict[str, tuple[str, ...]] = {
     "nsp": ("velocity_dependent_restitution", "large_angle", "radial_elasticity", "string_hysteresis"),
 }
 
-_EFFECTS = {effect.name: effect for effect in (*CATALOGUE, *LEARNED)}
+_EFFECTS = {effect.name: effect for effect in (*CATALOGUE, *FILMED, *LEARNED)}
 
 
 def register(effect: Effect) -> Effect:
@@ -97,7 +101,7 @@ def register(effect: Effect) -> Effect:
     >>> register(tilt).name, Cradle(effects={"tilt": {}}).has("tilt")
     ('tilt', True)
     """
-    if any(effect.name == known.name for known in (*CATALOGUE, *LEARNED)):
+    if any(effect.name == known.name for known in (*CATALOGUE, *FILMED, *LEARNED)):
         raise ValueError(f"effect {effect.name!r} is in the catalogue already; choose another name")
     if not effect.name.isidentifier():
         raise ValueError(f"effect {effect.name!r} must have a name of letters, digits and _, with no digit first")
@@ -119,7 +123,7 @@ def effect(name: str) -> Effect:
 
 def known_effects() -> tuple[Effect, ...]:
     """The catalogue, and what was registered beside it."""
-    return tuple(e for e in _EFFECTS.values() if e not in LEARNED)
+    return tuple(e for e in _EFFECTS.values() if e not in (*FILMED, *LEARNED))
 
 
 def compose(base: str, changes: Iterable[str]) -> tuple[Effect, ...]:

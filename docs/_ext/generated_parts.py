@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from cradle_env import CATALOGUE, MODELS, Effect
+from cradle_env.effects import FILMED
 
 ROOT = Path(__file__).resolve().parents[2]
 SCHEMAS = ROOT / "identification" / "storage" / "schemas"
@@ -31,9 +32,9 @@ def table(header: tuple[str, ...], rows: list[tuple[str, ...]]) -> str:
 
 
 def effects_overview() -> str:
-    """One line for each effect of the catalogue."""
+    """One line for each effect of the catalogue, and of what a film states."""
     rows = []
-    for effect in CATALOGUE:
+    for effect in (*CATALOGUE, *FILMED):
         models = ", ".join(f"`{name}`" for name, members in MODELS.items() if effect.name in members)
         told = f"{effect.summary} (in {models})" if models else effect.summary
         rows.append((f"[`{effect.name}`](#{effect.name})", told, effect.acts_on))
@@ -42,7 +43,7 @@ def effects_overview() -> str:
 
 def effects() -> str:
     """A section for each effect: what its declaration says."""
-    return "\n\n".join(map(_effect, CATALOGUE))
+    return "\n\n".join(map(_effect, (*CATALOGUE, *FILMED)))
 
 
 def _effect(effect: Effect) -> str:

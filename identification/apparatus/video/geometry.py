@@ -24,9 +24,9 @@ _CLEAR = 0.15
 _LONG, _WIDE = 0.25, 0.5
 #: Frames of a flight at least, and of stillness at the beginning.
 _LEAST, _STILL = 5, 10
-#: By how much bobs hang elsewhere than a first look says, in radii, and by how much a flight departs from a cosine
-#: [pixels], as strings stretch; 1 sigma.
-_ELSEWHERE, _UNEVEN = 0.05, 0.5
+#: By how much bobs hang elsewhere than where they are seen to be still, and than the row says, in radii; by how much a
+#: flight departs from a pendulum's [pixels], as strings stretch; 1 sigma.
+_STILL_SD, _ELSEWHERE, _UNEVEN = 0.01, 0.05, 0.5
 #: By how much bobs of a row hang at unequal heights, in diameters, 1 sigma.
 _UNLEVEL = 0.02
 #: Errors of the scale, 1 sigma: of a disc's radius by what counts as its edge [pixels], and of any by lens and
@@ -90,8 +90,11 @@ def geometry(tracks: Tracks, cradle: Cradle, rest: np.ndarray, name: str) -> Geo
     turned = tracks.places @ _turn(roll[0]).T
     radius = float(np.nanmedian(tracks.radii))
     flights = _flights(tracks.times, turned[..., 0], radius)
-    about = _hanging(turned[..., 0], (rest @ _turn(roll[0]).T)[:, 0], radius)
-    omega, middle, middle_sd, amplitude = _swings(tracks.times, turned[..., 0], flights, about, radius, name)
+    hanging = _hanging(turned[..., 0], (rest @ _turn(roll[0]).T)[:, 0], radius)
+    metre = radius / cradle.radius
+    omega, middle, middle_sd, amplitude = _swings(
+        tracks.times, turned[..., 0], flights, hanging, radius, cradle.gravity * metre, name
+    )
     scale = _scale(middle, middle_sd, radius, cradle)
     # A swing of half-width A lasts longer by (A/L)²/16: Landau & Lifshitz, Mechanics, § 11.
     length = cradle.gravity / omega[0] ** 2
@@ -169,12 +172,18 @@ def _flights(times: np.ndarray, x: np.ndarray, radius: float) -> list[tuple[int,
 
 
 def _swings(
-    times: np.ndarray, x: np.ndarray, flights: list[tuple[int, slice]], about: np.ndarray, radius: float, name: str
+    times: np.ndarray,
+    x: np.ndarray,
+    flights: list[tuple[int, slice]],
+    hanging: tuple[np.ndarray, np.ndarray],
+    radius: float,
+    gravity: float,
+    name: str,
 ) -> tuple[tuple[float, float], np.ndarray, np.ndarray, float]:
-    """ω of all flights, each bob's middle with its error [pixels], and the RMS half-width."""
+    """ω of all flights, each bob's middle with its error [pixels], and the RMS half-width; gravity [pixels/s²]."""
     from scipy.optimize import fminbound
 
-    parts = []
+    parts, (about, about_sd) = [], hanging
     for bob, frames in flights:
         moved = np.abs(x[frames, bob] - about[bob])
         if moved.max() > _WIDE * radius and np.ptp(x[frames, bob]) > 0.25 * moved.max():
@@ -185,12 +194,26 @@ def _swings(
             f"{name}: no bob is seen to swing freely; film from the release on, at 30 frames/s or more"
         )
     bobs = sorted({bob for bob, *_ in parts})
+    swung = parts
+
+    def third_harmonic(omega: float, middle: np.ndarray) -> list[tuple[int, np.ndarray, np.ndarray]]:
+        # x = A cos φ − (3/64) (A ω²/g)² A cos 3φ of a pendulum. Left in, it would pass for a lower frequency about
+        # another middle: half a swing hardly tells them.
+        found = []
+        for bob, t, values in parts:
+            phase = omega * (t - t.mean())
+            waves = np.column_stack([np.cos(phase), np.sin(phase)])
+            c, s = np.linalg.lstsq(waves, values - middle[bobs.index(bob)], rcond=None)[0]
+            A, shift = np.hypot(c, s), np.arctan2(s, c)
+            third = 3.0 / 64.0 * (A * omega**2 / gravity) ** 2 * A * np.cos(3.0 * (phase - shift))
+            found.append((bob, t, values + third))
+        return found
 
     def fitted(omega: float) -> tuple[float, np.ndarray, np.ndarray, list[float], int]:
         # Each flight has a cosine and a sine of its own; what is common to a bob is left for its middle.
         total, count, wide = 0.0, 0, []
         normal, pull = np.zeros(len(bobs)), np.zeros(len(bobs))
-        for bob, t, values in parts:
+        for bob, t, values in swung:
             phase = omega * (t - t.mean())
             basis, _ = np.linalg.qr(np.column_stack([np.cos(phase), np.sin(phase)]))
             one = np.ones(len(t)) - basis @ (basis.T @ np.ones(len(t)))
@@ -202,15 +225,15 @@ def _swings(
             count += len(t) - 2
         normal, pull = normal + prior, pull + prior * known
         middle = pull / normal
-        total += float(prior * known @ known)
-        for bob, t, values in parts:
+        total += float(prior @ known**2)
+        for bob, t, values in swung:
             phase = omega * (t - t.mean())
             waves = np.column_stack([np.cos(phase), np.sin(phase)])
             found, *_ = np.linalg.lstsq(waves, values - middle[bobs.index(bob)], rcond=None)
             wide.append(float(np.hypot(*found)))
         return float(total - pull @ middle), middle, normal, wide, count - len(bobs)
 
-    prior, known = (_UNEVEN / (_ELSEWHERE * radius)) ** 2, about[bobs]
+    prior, known = (_UNEVEN / about_sd[bobs]) ** 2, about[bobs]
     # Between impacts a bob flies for half a period, but two that nearly agree stay apart for longer: the longest
     # flight bounds the frequency from below, the usual one from above. Alone on its strings each piece is a whole one.
     lengths = np.array([t[-1] - t[0] for _, t, _ in parts])
@@ -218,14 +241,16 @@ def _swings(
     cost = [fitted(omega)[0] for omega in grid]
     best = int(np.argmin(cost))
     low, high = grid[max(best - 1, 0)], grid[min(best + 1, len(grid) - 1)]
-    omega = float(np.asarray(fminbound(lambda w: fitted(w)[0], low, high, xtol=1e-6 * low)))
+    for _ in range(3):
+        omega = float(np.asarray(fminbound(lambda w: fitted(w)[0], low, high, xtol=1e-6 * low)))
+        swung = third_harmonic(omega, fitted(omega)[1])
     rss, middle, normal, wide, freedom = fitted(omega)
     step = 1e-3 * omega
     bend = (fitted(omega + step)[0] - 2.0 * rss + fitted(omega - step)[0]) / step**2
     # Residuals are what strings and codec leave, and alike over several frames.
     spread = rss / max(freedom, 1) * 5.0
     omega_sd = float(np.sqrt(2.0 * spread / max(bend, 1e-12)))
-    middles, sds = about.copy(), np.full(len(about), _ELSEWHERE * radius)
+    middles, sds = about.copy(), about_sd.copy()
     middles[bobs], sds[bobs] = middle, np.sqrt(spread / np.maximum(normal, 1e-12))
     return (omega, omega_sd), middles, sds, float(np.sqrt(np.mean(np.square(wide))))
 
@@ -243,8 +268,9 @@ def _pieces(parts: list[tuple[int, np.ndarray, np.ndarray]]) -> list[tuple[int, 
     return [piece for piece in found if len(piece[1]) >= _LEAST]
 
 
-def _hanging(x: np.ndarray, about: np.ndarray, radius: float) -> np.ndarray:
-    """About where bobs hang [pixels]: as those do that are still at the beginning, and neighbours of these."""
+def _hanging(x: np.ndarray, about: np.ndarray, radius: float) -> tuple[np.ndarray, np.ndarray]:
+    """About where bobs hang, with its error [pixels]: as those do that are still at the beginning, and neighbours of
+    these."""
     still = {}
     for bob, column in enumerate(x.T):
         early = column[np.isfinite(column)][:_STILL]
@@ -252,7 +278,8 @@ def _hanging(x: np.ndarray, about: np.ndarray, radius: float) -> np.ndarray:
             still[bob] = float(np.median(early))
     steps = 2.0 * radius * np.arange(len(about))
     middle = float(np.median([place - steps[bob] for bob, place in still.items()])) if still else about[0] - steps[0]
-    return np.array([still.get(bob, middle + step) for bob, step in enumerate(steps)])
+    places = np.array([still.get(bob, middle + step) for bob, step in enumerate(steps)])
+    return places, radius * np.array([_STILL_SD if bob in still else _ELSEWHERE for bob in range(len(about))])
 
 
 def _scale(middle: np.ndarray, middle_sd: np.ndarray, radius: float, cradle: Cradle) -> tuple[float, float]:

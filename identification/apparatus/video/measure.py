@@ -29,6 +29,8 @@ if TYPE_CHECKING:
 _LENGTH_SD = 0.02
 #: Stretch of worn-in strings over that of new ones, in the mean over a film.
 _WORN = 1.5
+#: Loss of scale along a pendulum's length, 1 sigma: a camera at two lengths' distance that is turned by 2 degrees.
+_SLANT_SD = 0.02
 #: Part by which a stated length and that of the period may differ before the film's clock is doubted.
 _DOUBT = 0.08
 #: Part of the frames in which a bob may be missing without a warning.
@@ -168,10 +170,16 @@ def _experiment(cradle: Cradle, tracks: Tracks, lie: Geometry, theta: np.ndarray
     """The film as one run; what the camera leaves uncertain becomes priors."""
     sag = cradle.mass * cradle.gravity / cradle.radial_stiffness if cradle.has("radial_elasticity") else 0.0
     length = float(f"{lie.reach[0] - _WORN * sag:.5g}")
-    cradle = cradle.replace(length=length, effects={**cradle.effects, "angle_scale": {"scale": 0.0}})
+    spacing = 2.0 * cradle.radius * (1.0 + float(np.mean(cradle.gaps)) if cradle.bobs > 1 else 1.0) / length
+    view = {"slant": 0.0, "roll": 0.0, "spacing": float(f"{spacing:.4g}")}
+    cradle = cradle.replace(
+        length=length, effects={**cradle.effects, "angle_scale": {"scale": 0.0}, "oblique_view": view}
+    )
     infer = {
         "length": Prior(mean=length, sd=float(f"{_LENGTH_SD * length:.3g}")),
         "angle_scale.scale": Prior(mean=0.0, sd=float(f"{lie.angle_scale_sd:.3g}")),
+        "oblique_view.slant": Prior(mean=0.0, sd=_SLANT_SD),
+        "oblique_view.roll": Prior(mean=0.0, sd=float(f"{lie.roll[1]:.3g}")),
     }
     times = tracks.times - start.time
     info = None
@@ -181,7 +189,7 @@ def _experiment(cradle: Cradle, tracks: Tracks, lie: Geometry, theta: np.ndarray
         times, theta, release=info, delta=cradle.delta, state="free" if info is None else "release", rest="free",
         fit_from=0.0,
     )  # fmt: skip
-    return Experiment(cradle, (run,), infer, ("angle_scale.scale",))
+    return Experiment(cradle, (run,), infer, tuple(name for name in infer if "." in name))
 
 
 def _findings(tracks: Tracks, lie: Geometry, start: Begin, cradle: Cradle) -> tuple[str, ...]:

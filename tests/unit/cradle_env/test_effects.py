@@ -14,6 +14,7 @@ from scipy.integrate import solve_ivp
 
 from cradle_env import CATALOGUE, MODELS, Cradle, Effect, Parameter, Release, register, restitution_curve, simulate
 from cradle_env import effects as effects_module
+from cradle_env.effects import FILMED, known_effects
 from cradle_env.mechanics.user_force import compiled
 from identification.bench import scipy_peer
 from tests.reference.soft_contact import SoftCradle, simulate_soft
@@ -417,3 +418,9 @@ def test_refused_from_outside() -> None:
     values = dict.fromkeys(("wind", "cubic_drag"), dict.fromkeys(keys, 1.0))
     with pytest.raises(ValueError, match="50 parameters"):
         simulate(Cradle(bobs=2, effects=values), RELEASE, 1.0)
+
+
+def test_what_a_film_states_is_known_and_no_candidate():
+    for declared in FILMED:
+        assert effects_module.effect(declared.name) is declared
+        assert declared not in (*CATALOGUE, *known_effects())
