@@ -5,6 +5,7 @@ import pytest
 
 from cradle_env import Cradle
 from identification.apparatus.video.tracking import Tracks
+from studies.film import calibrations
 from studies.film.__main__ import HERE, KEPT
 from studies.film.draw import LONGEST, draw
 from studies.film.judge import impact_errors
@@ -17,6 +18,21 @@ def test_the_page_is_of_what_is_kept() -> None:
     rows = read_rows(KEPT)
     assert (HERE / "results.md").read_text(encoding="utf-8") == page(rows)
     assert len({row["film"] for row in rows}) == len(rows)
+
+
+def test_the_page_of_calibrations_is_of_what_is_kept() -> None:
+    rows = read_rows(calibrations.ROWS)
+    assert calibrations.PAGE.read_text(encoding="utf-8") == calibrations.page(rows)
+    assert len({row["film"] for row in rows}) == len(rows)
+
+
+def test_calibrations_count_what_intervals_hold() -> None:
+    found = {"median": 2.0, "sd": 0.5, "ci95": [1.0, 3.0]}
+    of = {"bobs": 1, "rate": 60.0, "codec": "mjpeg"}
+    rows = [{"film": k, **of, "truth": {"b": b}, "found": {"b": found}} for k, b in enumerate((2.5, 3.5))]
+    told = calibrations.page([*rows, {"film": 9, **of, "truth": {"b": 1.0}, "refused": "film.mp4: too short"}])
+    assert "| b | 1 of 2, 50 % (1.3 to 98.7 %) | 2.24 | 0.17 |" in told  # errors of 1 and 3 sd
+    assert "Refused: 1 of 3." in told and "| 0 | 1 | 60 | mjpeg | – | – | -1.0 |" in told
 
 
 def test_a_film_is_drawn_by_its_number() -> None:
