@@ -52,9 +52,9 @@ def page(rows: Sequence[dict[str, Any]]) -> str:
         "with blur, noise, glare, a pattern behind, a hand, something that hides a bob, and tilts of about a degree,",
         "through H.264, MPEG-4, MJPEG or VP9. A film has at most 600 frames, so only those at 30 frames/s last 20 s:",
         f"{longest} of {len(tracked)}. Together they last {sum(row['duration'] for row in tracked):.0f} s.",
-        f"Films 0 to {HELD_OUT - 1} were looked at while faults of the measurement were mended; later ones were held",
-        f"out. The geometry was mended later: films up to {GEOMETRY - 1} say nothing of it. Intervals are of 95 %; those",
-        "of an RMS are bootstrapped over films.",
+        f"Films 0 to {HELD_OUT - 1} were looked at while faults of the measurement were mended; later ones were",
+        f"held out. The geometry was mended later: films up to {GEOMETRY - 1} say nothing of it. Intervals are of",
+        "95 %; those of an RMS are bootstrapped over films.",
         "",
     ]
     if not tracked:

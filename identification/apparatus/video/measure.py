@@ -31,6 +31,8 @@ _LENGTH_SD = 0.02
 _WORN = 1.5
 #: Loss of scale along a pendulum's length, 1 sigma: a camera at two lengths' distance that is turned by 2 degrees.
 _SLANT_SD = 0.02
+#: Part of a frame for which a shutter is open: mean and 1 sigma.
+_OPEN = 0.35, 0.25
 #: Part by which a stated length and that of the period may differ before the film's clock is doubted.
 _DOUBT = 0.08
 #: Part of the frames in which a bob may be missing without a warning.
@@ -172,12 +174,14 @@ def _experiment(cradle: Cradle, tracks: Tracks, lie: Geometry, theta: np.ndarray
     length = float(f"{lie.reach[0] - _WORN * sag:.5g}")
     spacing = 2.0 * cradle.radius * (1.0 + float(np.mean(cradle.gaps)) if cradle.bobs > 1 else 1.0) / length
     view = {"slant": 0.0, "roll": 0.0, "spacing": float(f"{spacing:.4g}")}
-    cradle = cradle.replace(
-        length=length, effects={**cradle.effects, "angle_scale": {"scale": 0.0}, "oblique_view": view}
-    )
+    frame = float(np.median(np.diff(tracks.times)))
+    opened, opened_sd = (float(f"{share * frame:.3g}") for share in _OPEN)
+    camera = {"exposure_blur": {"duration": opened}, "angle_scale": {"scale": 0.0}, "oblique_view": view}
+    cradle = cradle.replace(length=length, effects={**cradle.effects, **camera})
     infer = {
         "length": Prior(mean=length, sd=float(f"{_LENGTH_SD * length:.3g}")),
         "angle_scale.scale": Prior(mean=0.0, sd=float(f"{lie.angle_scale_sd:.3g}")),
+        "exposure_blur.duration": Prior(mean=opened, sd=opened_sd),
         "oblique_view.slant": Prior(mean=0.0, sd=_SLANT_SD),
         "oblique_view.roll": Prior(mean=0.0, sd=float(f"{lie.roll[1]:.3g}")),
     }

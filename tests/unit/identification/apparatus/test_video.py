@@ -189,9 +189,8 @@ def test_a_film_ends_as_an_experiment(filmed, tmp_path, capsys):
     out = tmp_path / "out"
     assert main(["measure", "video", str(filmed[0]), "--diameter", "0.04", "--out", str(out)]) == 0
     experiment = Experiment.load(out / "experiment.toml")
-    assert experiment.cradle.bobs == 2 and {"angle_scale.scale", "oblique_view.slant", "oblique_view.roll"} < {
-        *experiment.infer
-    }
+    camera = {"angle_scale.scale", "exposure_blur.duration", "oblique_view.slant", "oblique_view.roll"}
+    assert experiment.cradle.bobs == 2 and {*experiment.infer} == {"length", *camera}
     assert experiment.runs[0].release is not None
     content = json.loads((out / "measurement.json").read_text())
     assert content["details"]["missing"] == [0.0, 0.0] and content["kind"] == "video"
