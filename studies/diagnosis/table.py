@@ -279,7 +279,10 @@ def draw_reliability(rows: list[Row], path: Path) -> None:
             interval = binomtest(sum(right), len(right)).proportion_ci(method="wilson")
             share, at = float(np.mean(right)), float(np.mean(stated))
             axes.errorbar(at, share, [[share - interval.low], [interval.high - share]], fmt="o", color=BLUE, capsize=3)
-            axes.annotate(f"of {len(right)}", (at, share), (5, -10), textcoords="offset points", fontsize="small")
+            end, gap = (interval.low, -10) if share > 0.5 else (interval.high, 4)
+            axes.annotate(
+                f"of {len(right)}", (at, end), (0, gap), textcoords="offset points", ha="center", fontsize="small"
+            )
     axes.set(xlabel="stated probability of an explanation", ylabel="share of them that is right, 95 % interval")
     axes.set(xlim=(-0.02, 1.02), ylim=(-0.02, 1.02), aspect="equal")
     axes.legend(loc="upper left")
