@@ -241,9 +241,10 @@ def _swings(
     cost = [fitted(omega)[0] for omega in grid]
     best = int(np.argmin(cost))
     low, high = grid[max(best - 1, 0)], grid[min(best + 1, len(grid) - 1)]
+    omega = float(grid[best])
     for _ in range(3):
-        omega = float(np.asarray(fminbound(lambda w: fitted(w)[0], low, high, xtol=1e-6 * low)))
         swung = third_harmonic(omega, fitted(omega)[1])
+        omega = float(np.asarray(fminbound(lambda w: fitted(w)[0], low, high, xtol=1e-6 * low)))
     rss, middle, normal, wide, freedom = fitted(omega)
     step = 1e-3 * omega
     bend = (fitted(omega + step)[0] - 2.0 * rss + fitted(omega - step)[0]) / step**2
