@@ -70,7 +70,10 @@ MODELS: dict[str, tuple[str, ...]] = {
     "nsp": ("velocity_dependent_restitution", "large_angle", "radial_elasticity", "string_hysteresis"),
 }
 
-_EFFECTS = {effect.name: effect for effect in (*CATALOGUE, *FILMED, *LEARNED)}
+#: All effects that the package declares.
+DECLARED: tuple[Effect, ...] = (*CATALOGUE, *FILMED, *LEARNED)
+
+_EFFECTS = {effect.name: effect for effect in DECLARED}
 
 
 def register(effect: Effect) -> Effect:
@@ -101,7 +104,7 @@ def register(effect: Effect) -> Effect:
     >>> register(tilt).name, Cradle(effects={"tilt": {}}).has("tilt")
     ('tilt', True)
     """
-    if any(effect.name == known.name for known in (*CATALOGUE, *FILMED, *LEARNED)):
+    if any(effect.name == known.name for known in DECLARED):
         raise ValueError(f"effect {effect.name!r} is in the catalogue already; choose another name")
     if not effect.name.isidentifier():
         raise ValueError(f"effect {effect.name!r} must have a name of letters, digits and _, with no digit first")

@@ -18,7 +18,7 @@ import numpy as np
 
 import cradle_env
 import identification
-from cradle_env.effects import CATALOGUE, FILMED, LEARNED, Effect
+from cradle_env.effects import DECLARED, Effect
 
 #: Attributes of a code object that determine what it does; line numbers and names of variables do not.
 _CODE = ("co_code", "co_names", "co_freevars", "co_exceptiontable")
@@ -28,7 +28,7 @@ _DATA = (bool, int, float, complex, str, bytes, tuple, list, dict, set, frozense
 
 def program_hash(effects: Iterable[Effect]) -> str:
     """Hash the sources of both packages, and the declarations of those effects that a user has registered."""
-    outside = [vars(effect) for effect in effects if effect not in (*CATALOGUE, *FILMED, *LEARNED)]
+    outside = [vars(effect) for effect in effects if effect not in DECLARED]
     return hashlib.sha256((_sources() + fingerprint(outside)).encode()).hexdigest()[:16]
 
 
