@@ -14,9 +14,15 @@ def read_rows(path: Path) -> list[dict[str, Any]]:
     return [json.loads(line) for line in path.read_text(encoding="utf-8").splitlines()] if path.is_file() else []
 
 
+def wilson_interval(count: int, total: int) -> tuple[float, float]:
+    """95 % interval of a share."""
+    ends = binomtest(count, total).proportion_ci(method="wilson")
+    return ends.low, ends.high
+
+
 def format_count(count: int, total: int) -> str:
     """ "k of n (95 % Wilson interval of the share)"."""
     if total == 0:
         return "–"
-    ends = binomtest(count, total).proportion_ci(method="wilson")
-    return f"{count} of {total} ({100 * ends.low:.0f}–{100 * ends.high:.0f} %)"
+    low, high = wilson_interval(count, total)
+    return f"{count} of {total} ({100 * low:.0f}–{100 * high:.0f} %)"

@@ -17,7 +17,6 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
-from scipy.stats import binomtest
 
 from cradle_env.plot_style import BLUE, GREY, png, styled
 from studies.diagnosis.errors import REPETITIONS, choose_rows
@@ -37,7 +36,7 @@ from studies.diagnosis.rows import (
     values_covered,
 )
 from studies.diagnosis.study import HELD_OUT, ROUNDS, SEARCH, STIFFENED, Apparatus, cases
-from studies.kept_rows import format_count, read_rows
+from studies.kept_rows import format_count, read_rows, wilson_interval
 
 #: Cases by what the best wrong model, refitted, leaves over the right one, by the oracle [Δχ²].
 BINS = ((-math.inf, 35.0, "about 15"), (35.0, 100.0, "about 50"), (100.0, math.inf, "about 200"))
@@ -276,10 +275,10 @@ def draw_reliability(rows: list[Row], path: Path) -> None:
     axes.plot([0.0, 1.0], [0.0, 1.0], color=GREY, linestyle="--", label="calibrated")
     for _, _, stated, right in reliability_bins(rows):
         if right:
-            interval = binomtest(sum(right), len(right)).proportion_ci(method="wilson")
+            low, high = wilson_interval(sum(right), len(right))
             share, at = float(np.mean(right)), float(np.mean(stated))
-            axes.errorbar(at, share, [[share - interval.low], [interval.high - share]], fmt="o", color=BLUE, capsize=3)
-            end, gap = (interval.low, -10) if share > 0.5 else (interval.high, 4)
+            axes.errorbar(at, share, [[share - low], [high - share]], fmt="o", color=BLUE, capsize=3)
+            end, gap = (low, -10) if share > 0.5 else (high, 4)
             axes.annotate(
                 f"of {len(right)}", (at, end), (0, gap), textcoords="offset points", ha="center", fontsize="small"
             )
