@@ -552,12 +552,13 @@ def main() -> None:
 
 
 def missed_before() -> dict[str, dict]:
-    """The rows of the held-out cases that the earlier selection missed, by their names."""
+    """The rows of what the earlier selection missed in its held-out rounds, by case."""
     from studies.diagnosis.rows import is_exact
     from studies.kept_rows import read_rows
 
     rows = read_rows(Path(__file__).parents[2] / "docs" / "study.jsonl")
-    return {row["case"]: row for row in rows if is_held_out(row["case"]) and not is_exact(row)}
+    judged = [row for row in rows if HELD_OUT <= int(row["case"][:2]) < SEARCH]
+    return {row["case"]: row for row in judged if not is_exact(row)}
 
 
 if __name__ == "__main__":
