@@ -201,17 +201,15 @@ def _swings(
         # another middle: half a swing hardly tells them.
         found = []
         for bob, t, values in parts:
-            phase = omega * (t - t.mean())
-            waves = np.column_stack([np.cos(phase), np.sin(phase)])
-            c, s = np.linalg.lstsq(waves, values - middle[bobs.index(bob)], rcond=None)[0]
-            A, shift = np.hypot(c, s), np.arctan2(s, c)
-            third = 3.0 / 64.0 * (A * omega**2 / gravity) ** 2 * A * np.cos(3.0 * (phase - shift))
+            A, shift = _wave(omega, t, values - middle[bobs.index(bob)])
+            phase = omega * (t - t.mean()) - shift
+            third = 3.0 / 64.0 * (A * omega**2 / gravity) ** 2 * A * np.cos(3.0 * phase)
             found.append((bob, t, values + third))
         return found
 
-    def fitted(omega: float) -> tuple[float, np.ndarray, np.ndarray, list[float], int]:
+    def fitted(omega: float) -> tuple[float, np.ndarray, np.ndarray, int]:
         # Each flight has a cosine and a sine of its own; what is common to a bob is left for its middle.
-        total, count, wide = 0.0, 0, []
+        total, count = 0.0, 0
         normal, pull = np.zeros(len(bobs)), np.zeros(len(bobs))
         for bob, t, values in swung:
             phase = omega * (t - t.mean())
@@ -226,12 +224,7 @@ def _swings(
         normal, pull = normal + prior, pull + prior * known
         middle = pull / normal
         total += float(prior @ known**2)
-        for bob, t, values in swung:
-            phase = omega * (t - t.mean())
-            waves = np.column_stack([np.cos(phase), np.sin(phase)])
-            found, *_ = np.linalg.lstsq(waves, values - middle[bobs.index(bob)], rcond=None)
-            wide.append(float(np.hypot(*found)))
-        return float(total - pull @ middle), middle, normal, wide, count - len(bobs)
+        return float(total - pull @ middle), middle, normal, count - len(bobs)
 
     prior, known = (_UNEVEN / about_sd[bobs]) ** 2, about[bobs]
     # Between impacts a bob flies for half a period, but two that nearly agree stay apart for longer: the longest
@@ -245,7 +238,8 @@ def _swings(
     for _ in range(3):
         swung = third_harmonic(omega, fitted(omega)[1])
         omega = float(np.asarray(fminbound(lambda w: fitted(w)[0], low, high, xtol=1e-6 * low)))
-    rss, middle, normal, wide, freedom = fitted(omega)
+    rss, middle, normal, freedom = fitted(omega)
+    wide = [_wave(omega, t, values - middle[bobs.index(bob)])[0] for bob, t, values in swung]
     step = 1e-3 * omega
     bend = (fitted(omega + step)[0] - 2.0 * rss + fitted(omega - step)[0]) / step**2
     # Residuals are what strings and codec leave, and alike over several frames.
@@ -254,6 +248,13 @@ def _swings(
     middles, sds = about.copy(), about_sd.copy()
     middles[bobs], sds[bobs] = middle, np.sqrt(spread / np.maximum(normal, 1e-12))
     return (omega, omega_sd), middles, sds, float(np.sqrt(np.mean(np.square(wide))))
+
+
+def _wave(omega: float, t: np.ndarray, x: np.ndarray) -> tuple[float, float]:
+    """A and φ of x ≈ A cos(ω (t − mean t) − φ)."""
+    phase = omega * (t - t.mean())
+    cosine, sine = np.linalg.lstsq(np.column_stack([np.cos(phase), np.sin(phase)]), x, rcond=None)[0]
+    return float(np.hypot(cosine, sine)), float(np.arctan2(sine, cosine))
 
 
 def _pieces(parts: list[tuple[int, np.ndarray, np.ndarray]]) -> list[tuple[int, np.ndarray, np.ndarray]]:
@@ -283,13 +284,17 @@ def _hanging(x: np.ndarray, about: np.ndarray, radius: float) -> tuple[np.ndarra
     return places, radius * np.array([_STILL_SD if bob in still else _ELSEWHERE for bob in range(len(about))])
 
 
+def row_spacing(cradle: Cradle) -> float:
+    """Mean distance of neighbours at rest [m]; of a single bob its diameter."""
+    return 2.0 * cradle.radius * (1.0 + (float(np.mean(cradle.gaps)) if cradle.bobs > 1 else 0.0))
+
+
 def _scale(middle: np.ndarray, middle_sd: np.ndarray, radius: float, cradle: Cradle) -> tuple[float, float]:
     """Pixels per metre along the row."""
     disc = radius / cradle.radius, _EDGE_SD / cradle.radius
     if len(middle) == 1:
         return disc
-    spacing = 2.0 * cradle.radius * (1.0 + float(np.mean(cradle.gaps)))
-    number = np.arange(len(middle)) * spacing
+    number = np.arange(len(middle)) * row_spacing(cradle)
     weights = 1.0 / middle_sd
     (scale, _), covariance = np.polyfit(number, middle, 1, w=weights, cov="unscaled")
     row = float(scale), float(np.sqrt(covariance[0, 0]))

@@ -13,7 +13,7 @@ from cradle_env.cradle import Cradle
 from cradle_env.errors import check_range
 from identification.apparatus.measurement import Measurement, Value
 from identification.apparatus.video.frames import Film
-from identification.apparatus.video.geometry import Geometry, geometry
+from identification.apparatus.video.geometry import Geometry, geometry, row_spacing
 from identification.apparatus.video.release import Begin, begin
 from identification.apparatus.video.survey import survey
 from identification.apparatus.video.tracking import Tracks, track
@@ -172,8 +172,7 @@ def _experiment(cradle: Cradle, tracks: Tracks, lie: Geometry, theta: np.ndarray
     """The film as one run; what the camera leaves uncertain becomes priors."""
     sag = cradle.mass * cradle.gravity / cradle.radial_stiffness if cradle.has("radial_elasticity") else 0.0
     length = float(f"{lie.reach[0] - _WORN * sag:.5g}")
-    spacing = 2.0 * cradle.radius * (1.0 + float(np.mean(cradle.gaps)) if cradle.bobs > 1 else 1.0) / length
-    view = {"slant": 0.0, "roll": 0.0, "spacing": float(f"{spacing:.4g}")}
+    view = {"slant": 0.0, "roll": 0.0, "spacing": float(f"{row_spacing(cradle) / length:.4g}")}
     frame = float(np.median(np.diff(tracks.times)))
     opened, opened_sd = (float(f"{share * frame:.3g}") for share in _OPEN)
     camera = {"exposure_blur": {"duration": opened}, "angle_scale": {"scale": 0.0}, "oblique_view": view}
