@@ -14,7 +14,6 @@ import numpy as np
 from scipy.ndimage import maximum_filter1d
 
 from cradle_env.cradle import Cradle
-from identification.apparatus.residuals import correlation_of
 from identification.apparatus.video.tracking import Tracks
 from identification.storage.files import ExperimentError
 
@@ -29,6 +28,11 @@ _LEAST, _STILL = 5, 10
 _STILL_SD, _ELSEWHERE, _UNEVEN = 0.01, 0.05, 0.5
 #: By how much bobs of a row hang at unequal heights, in diameters, 1 sigma.
 _UNLEVEL = 0.02
+#: Periods from which on their scatter tells the error of the slope of the arcs; what perspective adds to that slope
+#: [rad], 1 sigma: a camera turned by 2 degrees that sees the bobs 3 degrees from the middle of its picture.
+_FEW, _TURN_SD = 5, 2e-3
+#: How often the picture is turned upright by the arcs as it shows them.
+_TURNS = 2
 #: Errors of the scale, 1 sigma: of a disc's radius by what counts as its edge [pixels], and of any by lens and
 #: perspective.
 _EDGE_SD, _LENS_SD = 0.15, 2e-3
@@ -85,16 +89,16 @@ def _turn(roll: float) -> np.ndarray:
 def geometry(tracks: Tracks, cradle: Cradle, rest: np.ndarray, name: str) -> Geometry:
     """From tracks; rest: (N, 2), about where the bobs hang [pixels]; name: of the film. ExperimentError where there is
     no free swing to take a period from."""
-    arcs, curvature, levels = _level(tracks.places, rest)
-    roll = _roll(arcs, levels, rest, 2.0 * float(np.nanmedian(tracks.radii)))
-    turned = tracks.places @ _turn(roll[0]).T
     radius = float(np.nanmedian(tracks.radii))
-    flights = _flights(tracks.times, turned[..., 0], radius)
-    hanging = _hanging(turned[..., 0], (rest @ _turn(roll[0]).T)[:, 0], radius)
-    metre = radius / cradle.radius
-    omega, middle, middle_sd, amplitude = _swings(
-        tracks.times, turned[..., 0], flights, hanging, radius, cradle.gravity * metre, name
-    )
+    gravity = cradle.gravity * radius / cradle.radius
+    # The slope of an arc is that where its bob hangs; where it hangs across the picture, the upright picture says.
+    roll = 0.0, 0.0
+    for _ in range(_TURNS):
+        turned, (_, middle, *_) = _upright(tracks, rest, roll[0], radius, gravity, name)
+        arcs, curvature, levels = _level(tracks.times, turned[..., 0] - middle, turned[..., 1])
+        further = _roll(arcs, levels, 2.0 * radius)
+        roll = roll[0] + further[0], further[1]
+    turned, (omega, middle, middle_sd, amplitude) = _upright(tracks, rest, roll[0], radius, gravity, name)
     scale = _scale(middle, middle_sd, radius, cradle)
     # A swing of half-width A lasts longer by (A/L)²/16: Landau & Lifshitz, Mechanics, § 11.
     length = cradle.gravity / omega[0] ** 2
@@ -102,8 +106,7 @@ def geometry(tracks: Tracks, cradle: Cradle, rest: np.ndarray, name: str) -> Geo
     period = 2.0 * np.pi / omega[0] / slower
     part = omega[1] / omega[0]
     reach = cradle.gravity * (period / (2.0 * np.pi)) ** 2
-    levels = np.nanmedian(np.where(np.abs(turned[..., 0] - middle) < 1.0 * radius, turned[..., 1], np.nan), axis=0)
-    levels = np.where(np.isnan(levels), np.nanmedian(turned[..., 1]), levels)
+    _, curvature, levels = _level(tracks.times, turned[..., 0] - middle, turned[..., 1])
     arc = 1.0 / (2.0 * max(curvature[0], 1e-12))
     arc_sd = arc * curvature[1] / max(curvature[0], 1e-12)
     return Geometry(
@@ -117,23 +120,62 @@ def geometry(tracks: Tracks, cradle: Cradle, rest: np.ndarray, name: str) -> Geo
     )
 
 
-def _level(places: np.ndarray, rest: np.ndarray) -> tuple[tuple[float, float], tuple[float, float], np.ndarray]:
+_Swings = tuple[tuple[float, float], np.ndarray, np.ndarray, float]
+
+
+def _upright(
+    tracks: Tracks, rest: np.ndarray, roll: float, radius: float, gravity: float, name: str
+) -> tuple[np.ndarray, _Swings]:
+    """Places in the picture turned by a roll [pixels], and what `_swings` says of them; gravity [pixels/s²]."""
+    turned = tracks.places @ _turn(roll).T
+    x = turned[..., 0]
+    hanging = _hanging(x, (rest @ _turn(roll).T)[:, 0], radius)
+    return turned, _swings(tracks.times, x, _flights(tracks.times, x, radius), hanging, radius, gravity, name)
+
+
+def _level(
+    times: np.ndarray, x: np.ndarray, y: np.ndarray
+) -> tuple[tuple[float, float], tuple[float, float], np.ndarray]:
     """Slope of the arcs where the bobs hang, as an angle, and half their curvature [1/pixel], with their errors; and
-    how far down each is there [pixels], (N,)."""
-    x = (places[..., 0] - rest[:, 0]).ravel()
-    y = places[..., 1].ravel()
-    bob = np.tile(np.arange(len(rest)), len(places))
-    good = np.isfinite(x) & np.isfinite(y)
-    x, y, bob = x[good], y[good], bob[good]
-    design = np.column_stack([x, -(x**2), *(bob == i for i in range(len(rest)))]).astype(float)
-    found, *_ = np.linalg.lstsq(design, y, rcond=None)
-    left = y - design @ found
-    spread = left.var() * correlation_of(left[np.argsort(bob, kind="stable")])
-    errors = np.sqrt(np.diag(np.linalg.pinv(design.T @ design)) * spread)
-    return (float(np.arctan(found[0])), float(errors[0])), (float(found[1]), float(errors[1])), found[2:]
+    how far down each is there [pixels], (N,). x, y (T, N): from where they hang, and in the picture [pixels].
+
+    Strings stretch, settle and vibrate as the motion begins, and a bob is then on one side of its arc. Each period of
+    each bob therefore has a height and a slope of its own, and the slope is their median.
+    """
+    number = np.floor((times - times[0]) / _about_period(times, x)).astype(int)
+    designs, heights = [], []
+    for bob in range(x.shape[1]):
+        for one in np.unique(number):
+            rows = (number == one) & np.isfinite(x[:, bob]) & np.isfinite(y[:, bob])
+            if rows.sum() >= _LEAST:
+                design = np.column_stack([x[rows, bob], -(x[rows, bob] ** 2)])
+                designs.append(design - design.mean(axis=0))
+                heights.append(y[rows, bob] - y[rows, bob].mean())
+    normal = np.linalg.pinv(sum(design.T @ design for design in designs))
+    pooled = normal @ sum(design.T @ height for design, height in zip(designs, heights, strict=True))
+    left = [height - design @ pooled for design, height in zip(designs, heights, strict=True)]
+    # Residuals of one period are alike, those of different ones are not.
+    pulls = np.array([design.T @ residual for design, residual in zip(designs, left, strict=True)])
+    errors = np.sqrt(np.diag(normal @ pulls.T @ pulls @ normal))
+    width = np.array([design[:, 0] @ design[:, 0] for design in designs])
+    moving = width > 0.1 * width.max()  # a bob that hangs still has no arc
+    slopes = pooled[0] + pulls[moving, 0] / width[moving]
+    slope = float(np.median(slopes))
+    scatter = 1.4826 * float(np.median(np.abs(slopes - slope)))
+    few = moving.sum() < _FEW
+    slope_sd = float(errors[0]) if few else 1.25 * scatter / np.sqrt(moving.sum())
+    levels = np.nanmedian(y - slope * x + pooled[1] * x**2, axis=0)
+    return (float(np.arctan(slope)), float(np.hypot(slope_sd, _TURN_SD))), (float(pooled[1]), float(errors[1])), levels
 
 
-def _roll(arcs: tuple[float, float], levels: np.ndarray, rest: np.ndarray, diameter: float) -> tuple[float, float]:
+def _about_period(times: np.ndarray, x: np.ndarray) -> float:
+    """Of the strongest component of all motions [s]."""
+    centred = np.nan_to_num(x - np.nanmean(x, axis=0))
+    power = np.sum(np.abs(np.fft.rfft(centred, axis=0)) ** 2, axis=1)
+    return float((times[-1] - times[0]) / (1 + np.argmax(power[1:])))
+
+
+def _roll(arcs: tuple[float, float], levels: np.ndarray, diameter: float) -> tuple[float, float]:
     """What the slope of the arcs and that of the row say of the roll together; lengths differ by a part of a bob."""
     if len(levels) == 1:
         return arcs
@@ -179,7 +221,7 @@ def _swings(
     radius: float,
     gravity: float,
     name: str,
-) -> tuple[tuple[float, float], np.ndarray, np.ndarray, float]:
+) -> _Swings:
     """ω of all flights, each bob's middle with its error [pixels], and the RMS half-width; gravity [pixels/s²]."""
     from scipy.optimize import fminbound
 
