@@ -97,7 +97,9 @@ def find_mode(
         )
     if "kappa" in likelihood.names:
         report("search", 0.9, "neighbouring modes of κ")
-        point, least = search_kappa_modes(likelihood, point, least, options)
+        # Weights of an unknown noise that begin far too large hide the differences between modes.
+        likelihood = _reweight(likelihood, point)
+        point, _ = search_kappa_modes(likelihood, point, cost(likelihood, point), options)
     likelihood, point = refit(likelihood, point, options)
     J = difference_jacobian(likelihood, point, likelihood.residuals(point))
     return likelihood, laplace_approximation(likelihood, point, J)
@@ -147,39 +149,58 @@ def _reweight(likelihood: Likelihood, point: np.ndarray) -> Likelihood:
     return likelihood.with_noise(likelihood.noise_model.with_weights(weights))
 
 
-def best_kappa_neighbours(
-    likelihood: Likelihood, point: np.ndarray, steps: Sequence[float], count: int
+def _best_kappa_neighbours(
+    likelihood: Likelihood, point: np.ndarray, along: np.ndarray, steps: Sequence[float], count: int
 ) -> list[np.ndarray]:
-    """The `count` points (D,) of least χ² of those at relative steps of κ from a point, within bounds."""
+    """The `count` points (D,) of least χ² of those at relative steps of κ from a point, within bounds; along: change of
+    all unknowns (D,) per change of κ."""
     k = likelihood.names.index("kappa")
-    neighbours = []
-    for step in steps:
-        neighbour = point.copy()
-        neighbour[k] += step if likelihood.unknowns[k].log else step * point[k]
-        neighbours.append(np.clip(neighbour, *bounds(likelihood)))
+    neighbours = [
+        np.clip(point + along * (step if likelihood.unknowns[k].log else step * point[k]), *bounds(likelihood))
+        for step in steps
+    ]
     costs = np.array(in_threads(lambda z: cost(likelihood, z), neighbours, likelihood.workers))
     return [neighbours[i] for i in np.argsort(costs)[:count]]
+
+
+def _direction_of_kappa(likelihood: Likelihood, point: np.ndarray) -> np.ndarray:
+    """Change of all unknowns (D,) per change of κ along which χ² rises least.
+
+    A change of κ alone changes the length of the strings, and so the period: χ² then says nothing of the mode.
+    """
+    k = likelihood.names.index("kappa")
+    J = difference_jacobian(likelihood, point, likelihood.residuals(point))
+    size = np.linalg.norm(J, axis=0)
+    size[size == 0.0] = 1.0
+    J = J / size
+    others = np.arange(len(point)) != k
+    along = np.ones(len(point))
+    along[others] = -np.linalg.lstsq(J[:, others], J[:, k], rcond=None)[0] * size[k] / size[others]
+    return along
 
 
 def search_kappa_modes(
     likelihood: Likelihood, point: np.ndarray, least: float, options: SearchOptions = DEFAULT
 ) -> tuple[np.ndarray, float]:
     """Move among the shallow modes of κ, 1 to 2 % apart, while χ² falls; (point (D,), χ²). least: χ² at the point."""
-    while True:
-        neighbours = best_kappa_neighbours(likelihood, point, options.kappa_steps, _KAPPA_MODES)
+    while math.isfinite(least):
+        along = _direction_of_kappa(likelihood, point)
+        neighbours = _best_kappa_neighbours(likelihood, point, along, options.kappa_steps, _KAPPA_MODES)
         refined = refine_each(likelihood, neighbours, _KAPPA_EVALUATIONS, options)
         best, best_cost = min(refined, key=lambda pair: pair[1])
-        if not best_cost < least - _KAPPA_GAIN * abs(least):  # also where nothing can be simulated
+        if best_cost >= least - _KAPPA_GAIN * abs(least):
             return (best, best_cost) if best_cost < least else (point, least)
         point, least = best, best_cost
+    return point, least
 
 
 def search_close_kappa_modes(likelihood: Likelihood, point: np.ndarray, options: SearchOptions = DEFAULT) -> np.ndarray:
     """Move among the modes of κ that lie 0.03 to 0.6 % apart, as those of many bobs do, while χ² falls; (D,)."""
     least, readings = cost(likelihood, point), likelihood.reading_slices()[-1].stop
     steps = (*options.close_kappa_steps, *(-step for step in options.close_kappa_steps))
+    alone = np.eye(len(point))[likelihood.names.index("kappa")]
     for _ in range(_CLOSE_KAPPA_ROUNDS if math.isfinite(least) else 0):
-        neighbours = best_kappa_neighbours(likelihood, point, steps, options.close_kappa_modes)
+        neighbours = _best_kappa_neighbours(likelihood, point, alone, steps, options.close_kappa_modes)
         refined = refine_each(likelihood, neighbours, _CLOSE_KAPPA_EVALUATIONS, options)
         best, _ = min(refined, key=lambda pair: pair[1])
         best, best_cost = refine(likelihood, best, _CLOSE_KAPPA_FINAL_EVALUATIONS, options)
