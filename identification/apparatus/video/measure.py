@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 _LENGTH_SD = 0.02
 #: Stretch of worn-in strings over that of new ones, in the mean over a film.
 _WORN = 1.5
-#: Loss of scale along a pendulum's length, 1 sigma: a camera at two lengths' distance that is turned by 2 degrees.
+#: Change of scale along a pendulum's length, 1 sigma: a camera at two lengths' distance that is turned by 2 degrees.
 _SLANT_SD = 0.02
 #: Part of a frame for which a shutter is open: mean and 1 sigma.
 _OPEN = 0.35, 0.25
@@ -172,7 +172,7 @@ def _experiment(cradle: Cradle, tracks: Tracks, lie: Geometry, theta: np.ndarray
     """The film as one run; what the camera leaves uncertain becomes priors."""
     sag = cradle.mass * cradle.gravity / cradle.radial_stiffness if cradle.has("radial_elasticity") else 0.0
     length = float(f"{lie.reach[0] - _WORN * sag:.5g}")
-    view = {"slant": 0.0, "roll": 0.0, "spacing": float(f"{row_spacing(cradle) / length:.4g}")}
+    view = {"slant": 0.0, "pitch": 0.0, "roll": 0.0, "spacing": float(f"{row_spacing(cradle) / length:.4g}")}
     frame = float(np.median(np.diff(tracks.times)))
     opened, opened_sd = (float(f"{share * frame:.3g}") for share in _OPEN)
     camera = {"exposure_blur": {"duration": opened}, "angle_scale": {"scale": 0.0}, "oblique_view": view}
@@ -182,6 +182,7 @@ def _experiment(cradle: Cradle, tracks: Tracks, lie: Geometry, theta: np.ndarray
         "angle_scale.scale": Prior(mean=0.0, sd=float(f"{lie.angle_scale_sd:.3g}")),
         "exposure_blur.duration": Prior(mean=opened, sd=opened_sd),
         "oblique_view.slant": Prior(mean=0.0, sd=_SLANT_SD),
+        "oblique_view.pitch": Prior(mean=0.0, sd=_SLANT_SD),
         "oblique_view.roll": Prior(mean=0.0, sd=float(f"{lie.roll[1]:.3g}")),
     }
     times = tracks.times - start.time

@@ -148,11 +148,11 @@ def test_the_vertical_is_right_though_strings_stretch_as_the_motion_begins():
     assert found.roll[0] == pytest.approx(roll, abs=5e-4)
 
 
-@pytest.mark.parametrize("yaw", [0.02, -0.02])
-def test_an_oblique_camera_reads_as_the_effect_says(yaw):
+@pytest.mark.parametrize(("yaw", "pitch"), [(0.02, 0.0), (-0.02, 0.0), (0.0, 0.03), (0.0, -0.03)])
+def test_an_oblique_camera_reads_as_the_effect_says(yaw, pitch):
     """Angles as `Geometry.polar` has them, from the picture of a camera that is turned, by a vertical that is off."""
     length, spacing, roll, distance = 0.3, 0.04, 0.01, 0.8
-    camera = Camera(yaw=yaw, drop=length, distance=distance)
+    camera = Camera(yaw=yaw, pitch=pitch, drop=length, distance=distance)
     theta = np.linspace(-0.2, 0.2, 41)[:, None] * np.ones(3)
     row = spacing * np.array([-1.0, 0.0, 1.0])
     hanging = camera.pixels(np.stack([row, np.full(3, length)], axis=-1))
@@ -160,11 +160,15 @@ def test_an_oblique_camera_reads_as_the_effect_says(yaw):
     turn = np.array([[np.cos(roll), np.sin(roll)], [-np.sin(roll), np.cos(roll)]])
     across, down = np.moveaxis((seen - hanging) @ turn.T, -1, 0)
     read = np.arctan2(across, camera.focal / distance * length + down)
-    values = {"slant": yaw * length / distance, "roll": roll, "spacing": spacing / length}
-    told = effect("oblique_view").reading(values, theta)
-    assert np.abs(read - theta).max() > 3e-4
-    # What is left is of second order in turns of 0.02: 0.02² of 0.2 rad is 0.08 mrad.
-    assert np.abs(read - told).max() < 8e-5
+    turned = {"slant": yaw * length / distance, "pitch": -pitch * length / distance, "roll": roll}
+    told, untold = (
+        effect("oblique_view").reading({**turned, **other, "spacing": spacing / length}, theta)
+        for other in ({}, {"slant": 0.0, "pitch": 0.0})
+    )
+    # What is left is of second order in turns of 0.02: 0.02² of 0.2 rad is 0.08 mrad; of pitch and
+    # roll together: 0.03 × 0.01 of 0.2² rad is 0.012 mrad.
+    assert np.abs(read - told).max() < (8e-5 if yaw else 1.5e-5)
+    assert np.abs(read - untold).max() > (2e-4 if yaw else 4e-5)
 
 
 def test_times_that_a_container_rounds_are_made_even():
@@ -204,7 +208,8 @@ def test_a_film_ends_as_an_experiment(filmed, tmp_path, capsys):
     out = tmp_path / "out"
     assert main(["measure", "video", str(filmed[0]), "--diameter", "0.04", "--out", str(out)]) == 0
     experiment = Experiment.load(out / "experiment.toml")
-    camera = {"angle_scale.scale", "exposure_blur.duration", "oblique_view.slant", "oblique_view.roll"}
+    camera = {"angle_scale.scale", "exposure_blur.duration", "oblique_view.slant", "oblique_view.pitch",
+              "oblique_view.roll"}  # fmt: skip
     assert experiment.cradle.bobs == 2 and {*experiment.infer} == {"length", *camera}
     assert experiment.runs[0].release is not None
     content = json.loads((out / "measurement.json").read_text())
