@@ -11,7 +11,7 @@ from cradle_env.release import Release
 
 #: Angles [rad] beyond which a bob that is still is held, and by which a held one may stir.
 _HELD, _STIR = 0.03, 2e-3
-#: Frames of stillness at least.
+#: Frames at least of stillness where bobs hang, and for which all are seen as a swing begins.
 _FRAMES = 5
 #: Errors of a release that a fit to the film takes from there, 1 sigma: [rad] and [s].
 _ANGLE_SD, _TIME_SD = 2e-3, 5e-3
@@ -34,10 +34,10 @@ def begin(times: np.ndarray, theta: np.ndarray, r: np.ndarray, omega: float, cra
     if len(whole) == 0:
         return Begin(None, float(times[0]))
     first = whole[0]
-    held = [bob for bob in range(bobs) if abs(theta[first, bob]) > _HELD and _still(theta[first:, bob]) >= _FRAMES]
+    held = [bob for bob in range(bobs) if _is_held(times[first:], theta[first:, bob], omega)]
     others = [bob for bob in range(bobs) if bob not in held]
     if not held or any(_still(theta[first:, bob]) < _FRAMES for bob in others):
-        return Begin(None, float(times[_all_seen(theta)]))
+        return Begin(None, float(times[_all_free(theta)]))
     count = min(_still(theta[first:, bob]) for bob in held)
     plateau = slice(first, first + count)
     angles = {bob + 1: float(np.nanmedian(theta[plateau, bob])) for bob in held}
@@ -54,15 +54,33 @@ def begin(times: np.ndarray, theta: np.ndarray, r: np.ndarray, omega: float, cra
 
 def _still(theta: np.ndarray) -> int:
     """For how many frames a bob stays where it is."""
-    moved = np.flatnonzero(np.abs(theta - np.nanmedian(theta[:_FRAMES])) > _STIR)
+    moved = np.flatnonzero(np.abs(theta - theta[0]) > _STIR)
     return int(moved[0]) if len(moved) else len(theta)
 
 
-def _all_seen(theta: np.ndarray) -> int:
-    """From which frame on all bobs are seen for several frames."""
+def _is_held(times: np.ndarray, theta: np.ndarray, omega: float) -> bool:
+    """Whether a bob that is out, and falls from there as from rest, was already there before it fell.
+
+    A bob that only turns there was lower before, by as much as it is so long afterwards.
+    """
+    if abs(theta[0]) <= _HELD:
+        return False
+    early = np.abs(theta[times - times[0] < 0.5 * np.pi / omega])
+    angle = theta[np.nanargmax(early)]
+    fell = _let_go(times, theta, max(_still(theta) - 1, int(np.nanargmax(early))), omega, angle) - times[0]
+    lower = abs(angle) * (1.0 - np.cos(omega * min(max(fell, 0.0), np.pi / omega)))
+    return bool(lower > _STIR and abs(angle - theta[0]) < 0.5 * lower)
+
+
+def _all_free(theta: np.ndarray) -> int:
+    """From which frame on all bobs are seen for several frames, and those that are out have left where they were first
+    seen: a hand may have held them there."""
     seen = np.isfinite(theta).all(axis=1)
     runs = np.convolve(seen, np.ones(_FRAMES), "valid") == _FRAMES
-    return int(np.argmax(runs)) if runs.any() else 0
+    first = int(np.argmax(runs)) if runs.any() else 0
+    out = np.flatnonzero(np.abs(theta[first]) > _HELD)
+    left = first + max((_still(theta[first:, bob]) for bob in out), default=0)
+    return left if left < len(theta) else first
 
 
 def _let_go(times: np.ndarray, theta: np.ndarray, last: int, omega: float, angle: float) -> float:
