@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from cradle_env.errors import check_range
 from identification.cli.options import NoWorkers, Out, Seed
 
 if TYPE_CHECKING:
@@ -189,6 +190,8 @@ def video(
 
     from identification.apparatus.video.measure import measure_video
 
+    if diameter is not None:
+        check_range("--diameter", diameter, "m", 0.0, above=True)
     settings = [*(set_ or []), *([] if diameter is None else [f"radius={diameter / 2.0!r}"])]
     cradle = _cradle(source, settings)
     known = {text.partition("=")[0] for text in settings}

@@ -21,6 +21,7 @@ from identification.experiment.experiment import Experiment
 from identification.experiment.run import Prior, ReleaseInfo, Run
 from identification.number_format import format_number
 from identification.progress import Progress
+from identification.storage.files import ExperimentError
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -33,8 +34,11 @@ _WORN = 1.5
 _SLANT_SD = 0.02
 #: Part of a frame for which a shutter is open: mean and 1 sigma.
 _OPEN = 0.35, 0.25
-#: Part by which a stated length and that of the period may differ before the film's clock is doubted.
-_DOUBT = 0.08
+#: Part by which a stated length and that of the period may differ before the film's clock is doubted; what the arcs say
+#: of a length may differ from it by this much more, as a logarithm, for strings stretch, and by so many sd.
+_DOUBT, _STRETCHED, _DOUBT_SD = 0.08, 0.3, 2.0
+#: Radii from pivot to centre at least: of toys it is 8 or more.
+_SHORT = 3.0
 #: Part of the frames in which a bob may be missing without a warning.
 _MISSING = 0.02
 
@@ -144,6 +148,11 @@ def measure_video(
     cradle = cradle.replace(bobs=len(found.rest), delta=_delta_of(cradle, len(found.rest)))
     tracks = track(source, found, progress)
     lie = geometry(tracks, cradle, found.rest, source.path.name)
+    if lie.reach[0] < _SHORT * cradle.radius:
+        raise ExperimentError(
+            f"{source.path.name}: bobs with a diameter of {2.0 * cradle.radius:.3g} m do not swing as fast as these;"
+            " state the diameter in m, or the speed of the film"
+        )
     theta, r = lie.polar(tracks.places)
     start = begin(tracks.times, theta, r, 2.0 * np.pi / lie.period[0], cradle)
     experiment = _experiment(cradle, tracks, lie, theta, start)
@@ -158,8 +167,8 @@ def measure_video(
         "roll": Value.normal("ρ", "by which the picture is turned clockwise", "rad", *lie.roll),
     }
     return VideoMeasurement(
-        values, _findings(tracks, lie, start, cradle), _warnings(tracks, lie, start, stated_length), source.digest, 0,
-        tracks, lie, theta, start, experiment, overlay,
+        values, _findings(tracks, lie, start, cradle), _warnings(tracks, lie, start, stated_length, cradle),
+        source.digest, 0, tracks, lie, theta, start, experiment, overlay,
     )  # fmt: skip
 
 
@@ -217,7 +226,7 @@ def _findings(tracks: Tracks, lie: Geometry, start: Begin, cradle: Cradle) -> tu
     )
 
 
-def _warnings(tracks: Tracks, lie: Geometry, start: Begin, length: float | None) -> tuple[str, ...]:
+def _warnings(tracks: Tracks, lie: Geometry, start: Begin, length: float | None, cradle: Cradle) -> tuple[str, ...]:
     warnings = []
     for bob, share in enumerate(np.isnan(tracks.places[..., 0]).mean(axis=0), 1):
         if share > _MISSING:
@@ -230,12 +239,13 @@ def _warnings(tracks: Tracks, lie: Geometry, start: Begin, length: float | None)
             f"The period belongs to {lie.reach[0]:.3g} m, but the stated length is {length:.3g} m: the film plays"
             f" {format_number(float(factor))} × as slow as that; state --slow-motion, --rate or the length."
         )
-    elif length is None and abs(lie.reach[0] / lie.arc[0] - 1.0) > 0.3 + 4.0 * lie.arc[1] / lie.arc[0]:
+    doubt = _STRETCHED + _DOUBT_SD * lie.arc[1] / lie.arc[0]
+    if length is None and abs(np.log(lie.reach[0] / lie.arc[0])) > doubt:
         factor = np.sqrt(lie.reach[0] / lie.arc[0])
         warnings.append(
-            f"The period belongs to {lie.reach[0]:.3g} m, the curvature of the arcs to {lie.arc[0]:.3g} m: the film may"
-            f" play {format_number(float(factor), 2)} × as slow as what it shows; state --slow-motion, or --set"
-            " length=."
+            f"The period belongs to {lie.reach[0]:.3g} m, the curvature of the arcs to {lie.arc[0]:.3g} m: the diameter"
+            f" of a bob is not {2.0 * cradle.radius:.3g} m, or the film plays {format_number(float(factor), 2)} × as"
+            " slow as what it shows; state --diameter, --slow-motion, or --set length=."
         )
     if start.release is None:
         warnings.append("No bob is seen to be held still and let go; film from before the release where you can.")

@@ -18,6 +18,7 @@ from identification.apparatus.video.survey import survey
 from identification.apparatus.video.tracking import Tracks, assign, even, strange, track
 from identification.cli.app import main
 from identification.experiment.experiment import Experiment
+from identification.storage.files import ExperimentError
 from studies.film.camera import Camera
 from studies.film.draw import draw
 from studies.film.made import Case, make
@@ -224,6 +225,15 @@ def test_angles_agree_with_the_motion_within_what_is_said_of_them(filmed):
     assert found.begin.release.start == "unstretched"
     # The period of small swings about the hanging length, some mm below r_0 = 0.3 m.
     assert abs(found.values["period"].median - 2.0 * np.pi * np.sqrt(0.306 / 9.81)) < 0.01
+
+
+def test_a_wrong_diameter_is_told_by_the_arcs(filmed):
+    """A ball four times as large as it is said to be is four times as far away, and so are the pivots of its arcs."""
+    right, wrong = (measure_video(filmed[0], Cradle(bobs=2, radius=radius)).warnings for radius in (0.02, 0.005))
+    assert not any("diameter" in text for text in right)
+    assert any("the diameter of a bob is not 0.01 m" in text for text in wrong)
+    with pytest.raises(ExperimentError, match=r"diameter of 0\.4 m .* state the diameter in m"):
+        measure_video(filmed[0], Cradle(bobs=2, radius=0.2))
 
 
 def test_a_film_ends_as_an_experiment(filmed, tmp_path, capsys):
