@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Sequence
 
@@ -35,6 +36,9 @@ _FINAL_EVALUATIONS = 40
 _KAPPA_MODES, _KAPPA_EVALUATIONS = 3, 8
 #: Relative gain in χ² from which on the search among the shallow modes of κ goes on from a better one.
 _KAPPA_GAIN = 1e-3
+#: A mode of κ may be right instead of the best if it is worse by this χ² at most, 3 standard deviations; it is looked
+#: for from points along the valley that are worse by this much, and from so many modes at most.
+_RIVAL, _PROMISING, _MOST_RIVALS = 9.0, 100.0, 10
 #: Rounds at most of the search among the close modes of κ.
 _CLOSE_KAPPA_ROUNDS = 5
 #: Evaluations of each fit in such a round, and of the best of them.
@@ -54,6 +58,7 @@ def find_mode(
        longer and longer early data.
     3. Refine the best distinct modes on all data.
     4. Try neighbouring values of κ around the best one, and refine it once more.
+    5. Widen the covariance by the modes of κ beside it that are nearly as good.
 
     Returns (the likelihood, with the noise at the mode where the noise was unknown; the mode). Raises
     ImpossibleModelError if no point can be simulated over all data.
@@ -102,7 +107,11 @@ def find_mode(
         point, _ = search_kappa_modes(likelihood, point, cost(likelihood, point), options)
     likelihood, point = refit(likelihood, point, options)
     J = difference_jacobian(likelihood, point, likelihood.residuals(point))
-    return likelihood, laplace_approximation(likelihood, point, J)
+    mode = laplace_approximation(likelihood, point, J)
+    if "kappa" in likelihood.names and not has_impact_order:
+        report("search", 0.93, "other modes of κ that may be right")
+        mode = _with_rivals(likelihood, mode, options)
+    return likelihood, mode
 
 
 def _choose_starts(
@@ -192,6 +201,35 @@ def search_kappa_modes(
             return (best, best_cost) if best_cost < least else (point, least)
         point, least = best, best_cost
     return point, least
+
+
+def _with_rivals(likelihood: Likelihood, best: Mode, options: SearchOptions) -> Mode:
+    """The mode with a covariance that also covers the modes of κ, along the valley of χ², that may be right instead.
+
+    The covariance is that of a mixture of normal distributions about the modes, all as wide as the best one.
+    """
+    k = likelihood.names.index("kappa")
+    unit = 1.0 if likelihood.unknowns[k].log else abs(best.point[k])
+    scale = chi2_scale(best.cost, likelihood.reading_slices()[-1].stop)
+    found, tried = [(best.point, best.cost)], 0
+    while tried < min(len(found), _MOST_RIVALS):
+        point = found[tried][0]
+        tried += 1
+        neighbours = [
+            neighbour
+            for neighbour in _best_kappa_neighbours(
+                likelihood, point, _direction_of_kappa(likelihood, point), options.kappa_steps, len(options.kappa_steps)
+            )
+            if cost(likelihood, neighbour) < best.cost + _PROMISING * scale
+        ]
+        for reached, chi2 in refine_each(likelihood, neighbours, _KAPPA_EVALUATIONS, options):
+            apart = min(abs(reached[k] - other[k]) for other, _ in found)
+            if chi2 < best.cost + _RIVAL * scale and apart > options.mode_separation * unit:
+                found.append((reached, chi2))
+    weights = np.exp([0.5 * (best.cost - chi2) / scale for _, chi2 in found])
+    away = np.array([point - best.point for point, _ in found])
+    between = (away.T * (weights / weights.sum())) @ away
+    return dataclasses.replace(best, covariance=best.covariance + between)
 
 
 def search_close_kappa_modes(likelihood: Likelihood, point: np.ndarray, options: SearchOptions = DEFAULT) -> np.ndarray:
