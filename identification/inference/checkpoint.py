@@ -17,7 +17,8 @@ import numpy as np
 from cradle_env import hdf5_files
 from identification.inference.laplace import Mode, regularize_covariance
 from identification.inference.likelihood import Likelihood
-from identification.inference.noise_model import ImpactOrderNoise, NoiseModel
+from identification.inference.low_rank_noise import LowRankNoise
+from identification.inference.noise_model import NoiseModel
 from identification.inference.search_options import DEFAULT, SearchOptions
 from identification.storage.files import ExperimentError, write_file
 from identification.storage.provenance import program_hash
@@ -147,14 +148,14 @@ class Checkpoint:
                         f"{self.path}: {name} has {steps} steps; expected {known['iteration']}"
                     )
 
-    def begin(self, mode: Mode, impact_order: Sequence[ImpactOrderNoise], inflations: Sequence[float]) -> None:
+    def begin(self, mode: Mode, impact_order: Sequence[LowRankNoise], inflations: Sequence[float]) -> None:
         """Write a file without steps.
 
         Parameters
         ----------
         mode : Mode
             The mode from which sampling starts.
-        impact_order : sequence of ImpactOrderNoise
+        impact_order : sequence of LowRankNoise
             Impact-order noise of each run; empty if there is none.
         inflations : sequence of float
             Inflation of χ² of each run; see `NoiseModel`.
@@ -187,12 +188,12 @@ class Checkpoint:
         with _open(self.path, "r") as file:
             return [float(value) for value in file.attrs["inflations"]]
 
-    def impact_order(self) -> list[ImpactOrderNoise]:
+    def impact_order(self) -> list[LowRankNoise]:
         """Impact-order noise of each run; empty if there is none."""
         with _open(self.path, "r") as file:
             known = file["jumps"]
             parts = [known[f"{k + 1}"] for k in range(len(known))]
-            return [ImpactOrderNoise(part["directions"][:], part["sizes"][:]) for part in parts]
+            return [LowRankNoise(part["directions"][:], part["sizes"][:]) for part in parts]
 
     def mode(self, step: int) -> Mode:
         """The mode about which a step proposes points: that of the fit, or the one last adapted to the chains."""

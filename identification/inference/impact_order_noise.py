@@ -17,7 +17,7 @@ from identification.inference.impossible_model import ImpossibleModelError
 from identification.inference.laplace import Mode, laplace_approximation
 from identification.inference.least_squares import MIN_BOBS_WITH_IMPACT_ORDER, Misfit, bounds, difference_steps
 from identification.inference.likelihood import Likelihood
-from identification.inference.noise_model import ImpactOrderNoise
+from identification.inference.low_rank_noise import LowRankNoise
 from identification.inference.nonsmooth import (
     best_move,
     descend,
@@ -104,11 +104,11 @@ def principal_axes(likelihood: Misfit, covariance: np.ndarray) -> tuple[np.ndarr
     return axes, np.minimum(1.0, reach.min(axis=0))
 
 
-def _principal_noise(jumps: np.ndarray) -> ImpactOrderNoise:
+def _principal_noise(jumps: np.ndarray) -> LowRankNoise:
     """Principal directions and sizes of jumps (R, K) [rad or m] of a run, without the smallest."""
     directions, sizes, _ = np.linalg.svd(jumps, full_matrices=False)
     large = sizes > _LEAST_SIZE * sizes[:1]
-    return ImpactOrderNoise(directions[:, large], sizes[large])
+    return LowRankNoise(directions[:, large], sizes[large])
 
 
 def _linearization_errors(

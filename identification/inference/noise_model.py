@@ -13,34 +13,10 @@ from identification.experiment.experiment import Experiment
 from identification.experiment.noise import noise_of
 from identification.experiment.run import Run
 from identification.inference.click_likelihood import NOISE, SEARCH_WEIGHT
+from identification.inference.low_rank_noise import LowRankNoise
 
 #: While the noise of a run is unknown, a search divides residuals by at least this part of the readings' RMS.
 _UNKNOWN_NOISE = 0.02
-
-
-@dataclass(frozen=True, eq=False)
-class ImpactOrderNoise:
-    """Impact-order noise of the R readings of a run: a model-discrepancy covariance; see `impact_order_noise`.
-
-    Parameters
-    ----------
-    directions : ndarray of shape (R, K)
-        Orthonormal directions, in columns.
-    sizes : ndarray of shape (K,)
-        Standard deviations along them [rad or m].
-    """
-
-    directions: np.ndarray
-    sizes: np.ndarray
-
-    def whiten(self, residuals: np.ndarray, sigma: float) -> np.ndarray:
-        """Convert residuals (R,) or (R, M) over white noise sigma into residuals over both kinds of noise."""
-        shrunk = 1.0 / np.sqrt(1.0 + (self.sizes / sigma) ** 2) - 1.0
-        return residuals + (self.directions * shrunk) @ (self.directions.T @ residuals)
-
-    def log_volume(self, sigma: float) -> float:
-        """Half the logarithm of the determinant of the covariance, over that of white noise sigma."""
-        return 0.5 * float(np.sum(np.log1p((self.sizes / sigma) ** 2)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,14 +33,14 @@ class NoiseModel:
     inflations : tuple of float
         Inflation of χ² of each run by noise that is correlated in time, (1 + ρ)/(1 − ρ) with the correlation ρ of
         successive readings; see `chi2_inflation`.
-    impact_order : tuple of ImpactOrderNoise
+    impact_order : tuple of LowRankNoise
         Of each run; empty if the order of impacts is certain.
     """
 
     scales: tuple[float, ...]
     weights: tuple[float, ...]
     inflations: tuple[float, ...]
-    impact_order: tuple[ImpactOrderNoise, ...] = ()
+    impact_order: tuple[LowRankNoise, ...] = ()
 
     @classmethod
     def of(cls, experiment: Experiment) -> NoiseModel:
@@ -81,7 +57,7 @@ class NoiseModel:
         """The same with other inflations."""
         return dataclasses.replace(self, inflations=tuple(inflations))
 
-    def with_impact_order(self, impact_order: Sequence[ImpactOrderNoise]) -> NoiseModel:
+    def with_impact_order(self, impact_order: Sequence[LowRankNoise]) -> NoiseModel:
         """The same with other impact-order noise."""
         return dataclasses.replace(self, impact_order=tuple(impact_order))
 

@@ -16,8 +16,8 @@ from identification.inference import least_squares as least_squares_module
 from identification.inference.calibration import calibrate
 from identification.inference.least_squares import bounds
 from identification.inference.likelihood import Likelihood, shift_release_angle
+from identification.inference.low_rank_noise import LowRankNoise
 from identification.inference.mode_search import find_mode
-from identification.inference.noise_model import ImpactOrderNoise
 from identification.inference.posterior import Posterior
 from identification.inference.search_options import SearchOptions
 from tests.reference.laboratory import correlated_noise, record, write_experiment
@@ -105,7 +105,7 @@ def test_density_with_jumps_is_that_of_their_covariance():
     jumps = 5e-4 * rng.standard_normal((run.readings.size, 3))
     directions, sizes, _ = np.linalg.svd(jumps, full_matrices=False)
     jumping, point = (
-        likelihood.with_noise(likelihood.noise_model.with_impact_order([ImpactOrderNoise(directions, sizes)])),
+        likelihood.with_noise(likelihood.noise_model.with_impact_order([LowRankNoise(directions, sizes)])),
         likelihood.start(),
     )
     residual = (likelihood.predict(point, 0, likelihood.rows[0])[0] - run.readings).ravel()

@@ -12,8 +12,8 @@ from cradle_env import CATALOGUE, Effect, Parameter
 from identification.inference.checkpoint import Chains, Checkpoint
 from identification.inference.convergence import assess_convergence
 from identification.inference.laplace import Mode
+from identification.inference.low_rank_noise import LowRankNoise
 from identification.inference.mcmc import sample, verdict_steps
-from identification.inference.noise_model import ImpactOrderNoise
 from identification.inference.unknowns import Unknown
 from identification.storage.files import ExperimentError
 
@@ -62,7 +62,7 @@ def test_a_known_posterior_is_recovered(tmp_path):
 
 def test_jumps_are_kept_beside_the_chains(tmp_path):
     checkpoint, rng = Checkpoint(tmp_path / "chain.h5", Gaussian(), 0), np.random.default_rng(0)
-    jumps = [ImpactOrderNoise(rng.standard_normal((30, k)), rng.standard_normal(k)) for k in (2, 0)]
+    jumps = [LowRankNoise(rng.standard_normal((30, k)), rng.standard_normal(k)) for k in (2, 0)]
     checkpoint.begin(Mode(np.zeros(2), np.eye(2), 0.0), jumps, [1.0, 3.0])
     assert checkpoint.inflations() == [1.0, 3.0]
     for kept, own in zip(checkpoint.impact_order(), jumps, strict=True):
