@@ -25,7 +25,8 @@ class Survey:
     """What a first look has found [pixels].
 
     radius: of the bobs; sign: 1 for dark bobs on a bright ground, -1 for bright ones; rest: (N, 2), about where they
-    hang, from left to right; top, bottom: rows between which centres have been seen; times: of the frames looked at.
+    hang, from left to right; top, bottom: rows between which centres have been seen; frames: how many there are; looks:
+    those that were looked at.
     """
 
     radius: float
@@ -34,6 +35,7 @@ class Survey:
     top: float
     bottom: float
     frames: int
+    looks: Sequence[np.ndarray]
 
 
 def survey(
@@ -65,13 +67,15 @@ def survey(
     found = [peaks(sign * response(one, radius), radius, _LEAST, 40) for one in small]
     rest, top, bottom = _row(film, found, radius, bobs or len(given) or None)
     scale, shift = float(factor), (factor - 1) / 2.0
-    return Survey(radius * scale, sign, rest * scale + shift, top * scale + shift, bottom * scale + shift, count)
+    return Survey(
+        radius * scale, sign, rest * scale + shift, top * scale + shift, bottom * scale + shift, count, pictures
+    )  # fmt: skip
 
 
 def _looks(film: Film, progress: Progress) -> tuple[list[np.ndarray], int]:
     """The first frame and some from all over the film, and how many there are in all."""
     total = film.count()
-    step, kept, number = max(1, (total or 0) // _LOOKS), [], 0
+    step, kept, number = 1, [], 0
     for number, (_, picture) in enumerate(film.gray(), 1):
         if (number - 1) % step == 0:
             kept.append(picture)

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from identification.apparatus.video.discs import Discs, directions, peaks, reduced, response
-from identification.apparatus.video.edges import centres
+from identification.apparatus.video.edges import ANGLES, RADIUS_SD, Centres, centres
 from identification.apparatus.video.frames import Film
 from identification.apparatus.video.survey import Survey
 from identification.progress import Progress
@@ -28,6 +28,9 @@ _FAINT, _CLEAR = 0.3, 0.55
 _APART = 1.75
 #: What a bob that is not found costs, in units of the response, and how much a distance from where it should be may.
 _MISSED, _FAR = 0.25, 0.6
+#: By how much the radius of the first look may be wrong [pixels], 1 sigma; part of the rays that cross an edge where a
+#: bob is seen well; how many looks tell where an edge usually is; waves of an outline around a bob.
+_FIRST_SD, _WELL, _LOOKS, _ORDERS = 1.0, 0.9, 5, (2, 3, 4)
 #: A bob looks alike all over a film. Its brightness inside the edge departs from its median by this part of its
 #: contrast at most, or by this many standard deviations where light or reflections change it; its edge is round to
 #: this many times the median scatter. Bobs seen whole stay within 0.1 and 2.2; the end of a hand is off by 0.4 or more.
@@ -51,11 +54,11 @@ class Tracks:
 
 def track(film: Film, found: Survey, progress: Progress = lambda *_: None) -> Tracks:
     """Follows the bobs through a film; one frame is held at a time."""
-    tracker = _Tracker(found)
+    tracker = _Tracker(found, _outlines(found))
     times, rows, began = [], [], clock.monotonic()
     for number, (time, picture) in enumerate(film.gray(), 1):
         times.append(time)
-        rows.append(tracker.step(time, picture))
+        rows.append(_row(tracker.step(time, picture)))
         if number % 20 == 0:
             rate = number / max(clock.monotonic() - began, 1e-9)
             progress("track", number / found.frames, f"frame {number} of {found.frames}, {rate:.0f} frames/s")
@@ -63,6 +66,34 @@ def track(film: Film, found: Survey, progress: Progress = lambda *_: None) -> Tr
     places, scatter, radii, level, contrast = table[..., :2], table[..., 2], table[..., 3], table[..., 4], table[..., 5]
     table[strange(scatter, level, contrast)] = np.nan
     return Tracks(even(np.array(times), _TICK / film.slow_motion), places, scatter, radii)
+
+
+def _row(seen: Centres) -> np.ndarray:
+    """(N, 6): place, scatter, radius, level and contrast of each bob, nan where it is not seen."""
+    row = np.column_stack([seen.places, seen.scatter, seen.radii, seen.level, seen.contrast])
+    row[np.isnan(seen.places[:, 0])] = np.nan
+    return row
+
+
+def _outlines(found: Survey) -> np.ndarray:
+    """Of each bob, (N, rays) [pixels], as it is usually seen in the first looks.
+
+    Beside a neighbour half of an edge is hidden. An outline that is wrong by a few hundredths of a pixel would then
+    move the centre by as much, each time that bobs touch: lens, shades and codec make it not quite a circle.
+    """
+    outlines = np.full((len(found.rest), len(ANGLES)), found.radius)
+    looks = _Tracker(found, outlines.copy(), _FIRST_SD)
+    seen = [looks.step(float(number), picture) for number, picture in enumerate(found.looks)]
+    edges = np.array([np.where(one.seen[:, None] > _WELL, one.edges, np.nan) for one in seen])
+    # A centre is the mean of its outline: there is nothing of the first order.
+    waves = [np.cos(order * ANGLES + phase) for order in _ORDERS for phase in (0.0, 0.5 * np.pi)]
+    basis = np.column_stack([np.ones_like(ANGLES), *waves])
+    for bob in range(len(outlines)):
+        often = np.isfinite(edges[:, bob]).sum(axis=0) >= _LOOKS
+        if often.sum() > len(ANGLES) / 2:
+            usual = np.nanmedian(edges[:, bob, often], axis=0)
+            outlines[bob] = basis @ np.linalg.lstsq(basis[often], usual, rcond=None)[0]
+    return outlines
 
 
 def strange(scatter: np.ndarray, level: np.ndarray, contrast: np.ndarray) -> np.ndarray:
@@ -85,8 +116,9 @@ def even(times: np.ndarray, tick: float) -> np.ndarray:
 
 
 class _Tracker:
-    def __init__(self, found: Survey):
+    def __init__(self, found: Survey, outlines: np.ndarray, radius_sd: float = RADIUS_SD):
         self.rest, self.radius, self.sign = found.rest, found.radius, found.sign
+        self.outlines, self.radius_sd = outlines, radius_sd
         self.factor = max(1, round(found.radius / _SEARCHED))
         self.rows = found.top - 3.0 * found.radius, found.bottom + 3.0 * found.radius
         self.last = found.rest.copy()
@@ -94,8 +126,8 @@ class _Tracker:
         self.seen_at = np.full(len(found.rest), -np.inf)
         self.time = -np.inf
 
-    def step(self, time: float, picture: np.ndarray) -> np.ndarray:
-        """(N, 6): place, scatter, radius, level and contrast of each bob, nan where it is not seen."""
+    def step(self, time: float, picture: np.ndarray) -> Centres:
+        """What is seen of the bobs in the next frame."""
         discs = self._discs(picture)
         fresh = time - self.seen_at < 0.1
         ago = np.where(fresh, time - self.seen_at, 0.0)
@@ -106,7 +138,7 @@ class _Tracker:
             places = np.full_like(self.rest, np.nan)
             places[chosen >= 0] = discs.places[chosen[chosen >= 0]]
             moved = np.where(np.isfinite(places) & fresh[:, None], places - self.last, 0.0)
-            exact = centres(picture, places, self.radius, self.sign, _OPEN * moved)
+            exact = centres(picture, places, self.outlines, self.sign, _OPEN * moved, self.radius_sd)
             got = np.isfinite(exact.places[:, 0])
             without_edge = chosen[(chosen >= 0) & ~got]
             if not len(without_edge):
@@ -118,9 +150,7 @@ class _Tracker:
         self.speed[known] = (exact.places[known] - self.last[known]) / steps[known, None]
         self.speed[got & ~known] = 0.0
         self.last[got], self.seen_at[got] = exact.places[got], time
-        row = np.column_stack([exact.places, exact.scatter, exact.radii, exact.level, exact.contrast])
-        row[~got] = np.nan
-        return row
+        return exact
 
     def _discs(self, picture: np.ndarray) -> Discs:
         """Those in the strip in which the bobs move, in pixels of the picture."""
