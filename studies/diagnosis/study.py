@@ -16,7 +16,6 @@ import json
 import multiprocessing
 import os
 import shutil
-import subprocess
 import time
 import traceback
 from collections.abc import Mapping
@@ -26,6 +25,7 @@ from unittest import mock
 
 import numpy as np
 
+from studies.kept_rows import committed_code
 from tests.reference.laboratory import Recording, drop_frames, record, write_experiment
 from tests.reference.soft_contact import SoftCradle
 
@@ -445,18 +445,6 @@ def hide(apparatus: Apparatus, scratch: Path) -> dict:
     return found
 
 
-def _commit(folder: Path = Path(__file__).parent) -> str:
-    """The code that a case is judged by; none has a name that differs from what is committed."""
-
-    def git(*asked: str) -> str:
-        return subprocess.run(["git", *asked], cwd=folder, capture_output=True, text=True, check=True).stdout.rstrip()
-
-    changed = git("status", "--porcelain", "--untracked-files=no", "--", ":/*.py")
-    if changed:
-        raise RuntimeError(f"commit these first, for rows name the commit that judged them:\n{changed}")
-    return git("rev-parse", "--short=7", "HEAD")
-
-
 #: What a row says of a case, whatever judges it.
 _OF_THE_CASE = ("case", "held_out", "bobs", "noise", "rate", "settings", "target", "variant", "oracle", "strengths",
                 "made by", "right leaves", "formula leaves")  # fmt: skip
@@ -466,7 +454,7 @@ def run(case: Case, folder: Path, judged: dict | None) -> None:
     """Makes a case and diagnoses it; its row goes to result.json. judged: the row of an earlier code, if there is one,
     which says how strong that is that the case hides."""
     out = folder / case.name
-    commit, apparatus = _commit(), Apparatus(case)
+    commit, apparatus = committed_code(Path(__file__).parent), Apparatus(case)
     if judged is None:
         row = {
             "case": case.name, "held_out": is_held_out(case.name), "bobs": apparatus.bobs, "noise": apparatus.noise,
@@ -537,7 +525,7 @@ def main() -> None:
     parser.add_argument("--misses", action="store_true", help="judge again what an earlier selection missed")
     parser.add_argument("--processes", type=int, default=2)
     chosen = parser.parse_args()
-    _commit()
+    committed_code(Path(__file__).parent)
     judged = missed_before() if chosen.misses else {}
     rounds = range(HELD_OUT, SEARCH) if chosen.misses else chosen.rounds
     left = [

@@ -1,10 +1,10 @@
 """Calibrate cradles from films, and count how often the intervals hold the truth.
 
-    python -m studies.film.calibrations [--films 40] [--first 1100]
+    python -m studies.film.calibrations [--films 40] [--first 1100] [--again]
 
 Each film is drawn by its number, of a cradle that the soft-contact reference moves. What is found is kept in
-studies/film/calibrations.jsonl, a line for each film; the same command goes on from there. calibrations.md is made of
-all that is kept.
+studies/film/calibrations.jsonl, a line for each film and each code that calibrated from it; the same command goes on
+from there. calibrations.md is made of all that is kept.
 """
 
 from __future__ import annotations
@@ -14,13 +14,13 @@ import dataclasses
 import json
 import sys
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from cradle_env import Cradle, __version__
+from cradle_env import Cradle
 from identification.apparatus import measure_video
 from identification.inference.likelihood import Likelihood
 from identification.inference.normal_approximation import normal_approximation
@@ -28,7 +28,7 @@ from identification.inference.statistics import statistics
 from studies.film.draw import draw
 from studies.film.made import make
 from studies.film.page import share
-from studies.kept_rows import read_rows
+from studies.kept_rows import committed_code, read_rows
 
 HERE = Path(__file__).parent
 ROWS, PAGE = HERE / "calibrations.jsonl", HERE / "calibrations.md"
@@ -52,7 +52,7 @@ def calibrate_film(number: int, folder: Path) -> dict[str, Any] | None:
         "b": float(10 ** rng.uniform(-3.0, -2.3)),
     }
     row: dict[str, Any] = {
-        "film": number, "version": __version__, "bobs": case.bobs, "rate": case.camera.rate, "codec": case.codec,
+        "film": number, "code": committed_code(HERE), "bobs": case.bobs, "rate": case.camera.rate, "codec": case.codec,
         "duration": case.duration, "truth": truth,
     }  # fmt: skip
     path = folder / f"film{ending}"
@@ -70,6 +70,7 @@ def calibrate_film(number: int, folder: Path) -> dict[str, Any] | None:
 
 def page(rows: Sequence[dict[str, Any]]) -> str:
     """calibrations.md."""
+    latest = list({row["film"]: row for row in rows}.values())
     lines = [
         "# How well a film calibrates a cradle",
         "",
@@ -82,21 +83,36 @@ def page(rows: Sequence[dict[str, Any]]) -> str:
         "|---|---|---|---|",
     ]
     for name in _NAMES:
-        some = [(row["truth"][name], row["found"][name]) for row in rows if name in row.get("found", {})]
-        inside = sum(found["ci95"][0] <= true <= found["ci95"][1] for true, found in some)
+        some = _found(latest, name)
         z = [(found["median"] - true) / found["sd"] for true, found in some]
         wide = [found["sd"] / true for true, found in some]
         told = (f"{np.sqrt(np.mean(np.square(z))):.2f}", f"{np.median(wide):.2g}") if some else ("–", "–")
-        lines.append(f"| {name} | {share(inside, len(some))} | {told[0]} | {told[1]} |")
-    refused = [row for row in rows if "refused" in row]
-    lines += ["", f"Refused: {len(refused)} of {len(rows)}.", ""]
-    lines += [f"- film {row['film']}: {row['refused']}" for row in refused]
+        lines.append(f"| {name} | {_inside(latest, name)} | {told[0]} | {told[1]} |")
+    refused = [row for row in latest if "refused" in row]
+    lines += ["", f"Refused: {len(refused)} of {len(latest)}.", ""]
+    lines += [*(f"- film {row['film']}: {row['refused']}" for row in refused), ""] if refused else []
+    lines += ["Inside the 95 % interval, by each code that calibrated from these films, the last one last:", ""]
+    lines += ["| code | N | k_f | κ | b |", "|---|---|---|---|---|"]
+    for code, bobs in dict.fromkeys((row["code"], row["bobs"]) for row in sorted(rows, key=lambda row: row["bobs"])):
+        some = [row for row in rows if (row["code"], row["bobs"]) == (code, bobs)]
+        lines.append(f"| {code} | {bobs} | {' | '.join(_inside(some, name) for name in _NAMES)} |")
     lines += ["", "| film | N | frames/s | codec | k_f | κ | b |", "|---|---|---|---|---|---|---|"]
-    for row in rows:
+    for row in latest:
         found = row.get("found", {})
         z = [f"{(found[n]['median'] - row['truth'][n]) / found[n]['sd']:+.1f}" if n in found else "–" for n in _NAMES]
         lines.append(f"| {row['film']} | {row['bobs']} | {row['rate']:g} | {row['codec']} | {' | '.join(z)} |")
     return "\n".join([*lines, "", "The last three columns are errors over their standard deviations.", ""])
+
+
+def _found(rows: Sequence[dict[str, Any]], name: str) -> list[tuple[float, dict[str, Any]]]:
+    """What is true and what was found of a parameter, of the films from which it was inferred."""
+    return [(row["truth"][name], row["found"][name]) for row in rows if name in row.get("found", {})]
+
+
+def _inside(rows: Sequence[dict[str, Any]], name: str) -> str:
+    """How often the interval holds the truth."""
+    some = _found(rows, name)
+    return share(sum(found["ci95"][0] <= true <= found["ci95"][1] for true, found in some), len(some))
 
 
 def main() -> int:
@@ -108,19 +124,32 @@ def main() -> int:
     )
     parser.add_argument("--films", type=int, default=40, help="how many; 0: calibrations.md alone")
     parser.add_argument("--first", type=int, default=1100, help="number of the first")
+    parser.add_argument("--again", action="store_true", help="the films that are kept, by the present code")
     asked = parser.parse_args()
-    number = max([asked.first - 1, *(row["film"] for row in read_rows(ROWS))])
-    while len(read_rows(ROWS)) < asked.films:
-        number += 1
+    for number in _numbers(asked.films, asked.first, asked.again):
         with tempfile.TemporaryDirectory() as folder:
             row = calibrate_film(number, Path(folder))
         if row is None:
             continue
         with ROWS.open("a", encoding="utf-8") as file:
             file.write(json.dumps(row) + "\n")
-        print(f"film {number}: {len(read_rows(ROWS))} kept", file=sys.stderr, flush=True)
+        print(f"film {number}, {row['bobs']} bobs", file=sys.stderr, flush=True)
     PAGE.write_text(page(read_rows(ROWS)), encoding="utf-8")
     return 0
+
+
+def _numbers(films: int, first: int, again: bool) -> Iterator[int]:
+    """Of the films that are left: new ones until as many are kept as asked, or those kept, fewest bobs first."""
+    if again:
+        code, rows = committed_code(HERE), read_rows(ROWS)
+        done = {row["film"] for row in rows if row["code"] == code}
+        bobs = {row["film"]: row["bobs"] for row in rows if row["film"] not in done}
+        yield from sorted(bobs, key=lambda film: (bobs[film], film))
+        return
+    number = max([first - 1, *(row["film"] for row in read_rows(ROWS))])
+    while len({row["film"] for row in read_rows(ROWS)}) < films:
+        number += 1
+        yield number
 
 
 if __name__ == "__main__":

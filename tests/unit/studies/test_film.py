@@ -23,15 +23,18 @@ def test_the_page_is_of_what_is_kept() -> None:
 def test_the_page_of_calibrations_is_of_what_is_kept() -> None:
     rows = read_rows(calibrations.ROWS)
     assert calibrations.PAGE.read_text(encoding="utf-8") == calibrations.page(rows)
-    assert len({row["film"] for row in rows}) == len(rows)
+    assert len({(row["film"], row["code"]) for row in rows}) == len(rows)
 
 
 def test_calibrations_count_what_intervals_hold() -> None:
     found = {"median": 2.0, "sd": 0.5, "ci95": [1.0, 3.0]}
-    of = {"bobs": 1, "rate": 60.0, "codec": "mjpeg"}
+    of = {"bobs": 1, "rate": 60.0, "codec": "mjpeg", "code": "new"}
+    before = {"film": 0, **of, "code": "old", "truth": {"b": 2.0}, "found": {"b": found}}
     rows = [{"film": k, **of, "truth": {"b": b}, "found": {"b": found}} for k, b in enumerate((2.5, 3.5))]
-    told = calibrations.page([*rows, {"film": 9, **of, "truth": {"b": 1.0}, "refused": "film.mp4: too short"}])
+    told = calibrations.page([before, *rows, {"film": 9, **of, "truth": {"b": 1.0}, "refused": "film.mp4: too short"}])
     assert "| b | 1 of 2, 50 % (1.3 to 98.7 %) | 2.24 | 0.17 |" in told  # errors of 1 and 3 sd
+    assert "| old | 1 | – | – | 1 of 1, 100 % (2.5 to 100 %) |" in told
+    assert "| new | 1 | – | – | 1 of 2, 50 % (1.3 to 98.7 %) |" in told
     assert "Refused: 1 of 3." in told and "| 0 | 1 | 60 | mjpeg | – | – | -1.0 |" in told
 
 

@@ -29,7 +29,6 @@ from studies.diagnosis.study import (
     Case,
     Oracle,
     Settings,
-    _commit,
     cases,
     find_strengths,
     is_held_out,
@@ -45,7 +44,7 @@ from studies.diagnosis.table import (
     render_page,
     summary,
 )
-from studies.kept_rows import read_rows
+from studies.kept_rows import committed_code, read_rows
 from tests.reference.laboratory import correlated_noise
 
 SYMMETRIC = [["clock_scale"], ["length_mismatch"], ["added_mass"]]
@@ -330,10 +329,10 @@ def test_no_case_is_judged_by_code_that_is_not_committed(tmp_path):
     git("add", ".")
     git("commit", "-qm", "first")
     other.write_text("two\n")
-    assert len(_commit(tmp_path)) == 7
+    assert len(committed_code(tmp_path)) == 7
     source.write_text("one = 2\n")
     with pytest.raises(RuntimeError, match=r"(?s)commit these first.*code\.py"):
-        _commit(tmp_path)
+        committed_code(tmp_path)
 
 
 @pytest.mark.parametrize("power", [1.0, 4.0])
