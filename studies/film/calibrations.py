@@ -77,7 +77,7 @@ def page(rows: Sequence[dict[str, Any]]) -> str:
         "`python -m studies.film.calibrations`. Films as in results.md, of cradles of 1 to 3 bobs that the",
         "soft-contact reference moves, for 8 to 20 s. `measure_video` writes the experiment, whose posterior is",
         "approximated by a normal distribution about its mode. Nothing was chosen by looking at these films.",
-        "Parentheses hold 95 % intervals by Clopper and Pearson.",
+        "Parentheses hold 95 % intervals by Clopper and Pearson. Of each film, the last code counts.",
         "",
         "| | inside the 95 % interval (90–99 %) | RMS error over its sd | median sd over the value |",
         "|---|---|---|---|",
