@@ -48,9 +48,9 @@ def test_centres_are_found_to_a_tenth_of_a_pixel(tmp_path, bobs):
 def test_bobs_that_touch_are_not_seen_closer_or_farther_apart(tmp_path):
     """Rays at a neighbour are left out. With a radius a fifth of a pixel too small, centres would move apart there."""
     camera = Camera(size=(480, 240), focal=960.0, exposure=0.1)
-    errors = tracked(tmp_path, Case(2, {2: 0.08}, duration=4.0, camera=camera))
-    places = make(tmp_path / "same.mp4", Case(2, {2: 0.08}, duration=4.0, camera=camera)).places
-    apart, wider = (np.diff(one[..., 0], axis=1)[:, 0] for one in (places, errors))
+    truth, film = make(tmp_path / "film.mp4", Case(2, {2: 0.08}, 4.0, camera=camera)), Film(tmp_path / "film.mp4")
+    errors = track(film, survey(film)).places - truth.places
+    apart, wider = (np.diff(one[..., 0], axis=1)[:, 0] for one in (truth.places, errors))
     near, far = wider[apart < 2.15 * 24.0], wider[apart > 2.5 * 24.0]
     # 0.07 pixels of noise in one frame leave 0.015 in the mean of 21; the wrong radius would add 0.07.
     assert min(len(near), len(far)) > 20
