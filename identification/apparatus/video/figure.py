@@ -38,6 +38,6 @@ def video_figure(measured: VideoMeasurement) -> Figure:
     arcs.set(xlabel="x [pixels]", ylabel="y [pixels]")
     arcs.invert_yaxis()
     distances.set(xlabel="t [s]", ylabel="r [mm]")
-    edges.set(xlabel="t [s]", ylabel="edge from circle, RMS [pixels]")
+    edges.set(xlabel="t [s]", ylabel="edge from outline, RMS [pixels]")
     edges.set_ylim(bottom=0.0)
     return figure

@@ -56,7 +56,7 @@ class VideoMeasurement(Measurement):
     caption: ClassVar[str] = (
         "Top left: angles against time; gaps are frames in which a bob was not seen. Top right: the arcs in the"
         " picture, turned upright, the rest positions, and circles about the pivots that the period gives. Bottom left:"
-        " distance from the pivots against time. Bottom right: RMS distance of each bob's edge from a circle."
+        " distance from the pivots against time. Bottom right: RMS distance of each bob's edge from its usual outline."
     )
 
     tracks: Tracks
@@ -219,7 +219,7 @@ def _findings(tracks: Tracks, lie: Geometry, start: Begin, cradle: Cradle) -> tu
         how = f"Released at {start.time:.3f} s of the film, which is t = 0, strings {start.release.start}; {angles}."
     return (
         f"{tracks.places.shape[1]} bobs in {len(tracks.times)} frames, found in {seen:.1f} % of the places where they"
-        f" might be; their edges are round to {format_number(scatter, 2)} pixels.",
+        f" might be; their edges lie {format_number(scatter, 2)} pixels (RMS) from their usual outlines.",
         how,
         f"Curvature of the arcs: {format_number(lie.arc[0])} ± {format_number(lie.arc[1], 2)} m; the period is more"
         " exact.",

@@ -32,7 +32,7 @@ _MISSED, _FAR = 0.25, 0.6
 #: bob is seen well; how many looks tell where an edge usually is; waves of an outline around a bob.
 _FIRST_SD, _WELL, _LOOKS, _ORDERS = 1.0, 0.9, 5, (2, 3, 4)
 #: A bob looks alike all over a film. Its brightness inside the edge departs from its median by this part of its
-#: contrast at most, or by this many standard deviations where light or reflections change it; its edge is round to
+#: contrast at most, or by this many standard deviations where light or reflections change it; its edge lies within
 #: this many times the median scatter. Bobs seen whole stay within 0.1 and 2.2; the end of a hand is off by 0.4 or more.
 _OTHER, _OTHER_SD, _ROUGH = 0.25, 6.0, 2.5
 #: Times in WebM and Matroska are whole milliseconds, half a frame at 500 frames/s.
@@ -44,7 +44,7 @@ _OPEN = 0.5
 @dataclass(frozen=True, eq=False)
 class Tracks:
     """Bobs over a film: times (T,) [s]; places (T, N, 2) [pixels], nan where a bob is not seen; scatter (T, N), the RMS
-    distance of a bob's edge from a circle [pixels]; radii (T, N)."""
+    distance of a bob's edge from its outline [pixels]; radii (T, N)."""
 
     times: np.ndarray
     places: np.ndarray
@@ -76,10 +76,10 @@ def _row(seen: Centres) -> np.ndarray:
 
 
 def _outlines(found: Survey) -> np.ndarray:
-    """Of each bob, (N, rays) [pixels], as it is usually seen in the first looks.
+    """Of each bob, (N, rays) [pixels], as it is usually seen in the looks from all over the film.
 
-    Beside a neighbour half of an edge is hidden. An outline that is wrong by a few hundredths of a pixel would then
-    move the centre by as much, each time that bobs touch: lens, shades and codec make it not quite a circle.
+    Lens, shades and codec make an outline not quite a circle. Beside a neighbour half of an edge is hidden, so an
+    outline that is wrong by a few hundredths of a pixel moves the centre by as much, each time that bobs touch.
     """
     outlines = np.full((len(found.rest), len(ANGLES)), found.radius)
     looks = _Tracker(found, outlines.copy(), _FIRST_SD)
