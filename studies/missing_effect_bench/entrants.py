@@ -1,4 +1,4 @@
-"""The entrants of this project: two that look at no data, `cradle diagnose`, and a regression.
+"""The entrants of this project: two that look at no data, `cradle diagnose`, and its rivals.
 
 An entrant is a function from the folder of a case and its number of bobs to the probabilities of sets of names.
 """
@@ -15,8 +15,11 @@ from identification.diagnosis.result import Diagnosis
 from identification.experiment.experiment import Experiment
 from studies.diagnosis.study import diagnose_without_advice
 from studies.missing_effect_bench.candidates import COMMON_LENGTH, NOTHING, UNKNOWN, Names, prior
+from studies.missing_effect_bench.false_discovery import discover
+from studies.missing_effect_bench.gaussian_process import weigh
 from studies.missing_effect_bench.regression import regress
 from studies.missing_effect_bench.scoring import Answer, Judged, Truth, check_answer, judge
+from studies.missing_effect_bench.sparse_dynamics import vote
 
 Probabilities = Mapping[Names, float]
 
@@ -43,6 +46,21 @@ def answer_regression(folder: Path, bobs: int) -> Probabilities:
     return regress(Experiment.load(folder / "experiment.toml"), prior(bobs))
 
 
+def answer_false_discovery(folder: Path, bobs: int) -> Probabilities:
+    """Sparse regression of the same residuals that controls the share of false discoveries."""
+    return discover(Experiment.load(folder / "experiment.toml"), prior(bobs))
+
+
+def answer_gaussian_process(folder: Path, bobs: int) -> Probabilities:
+    """A Gaussian process as the discrepancy of the model as stated. Needs the extra `rivals`."""
+    return weigh(Experiment.load(folder / "experiment.toml"), prior(bobs))
+
+
+def answer_pysindy(folder: Path, _: int) -> Probabilities:
+    """Sparse dynamics of what the model as stated leaves. Needs the extra `rivals`."""
+    return vote(Experiment.load(folder / "experiment.toml"))
+
+
 def answer_diagnose(folder: Path, bobs: int) -> Probabilities:
     """`cradle diagnose`."""
     return read_diagnosis(verdict_content(diagnose_without_advice(folder / "experiment.toml")), bobs)
@@ -52,6 +70,9 @@ ENTRANTS: dict[str, Callable[[Path, int], Probabilities]] = {
     "nothing": answer_nothing,
     "prior": answer_prior,
     "regression": answer_regression,
+    "false discovery": answer_false_discovery,
+    "Gaussian process": answer_gaussian_process,
+    "PySINDy": answer_pysindy,
     "diagnose": answer_diagnose,
 }
 #: Those that look at no data.

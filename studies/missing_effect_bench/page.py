@@ -21,6 +21,9 @@ Made by `python -m studies.missing_effect_bench results DIR` from results.jsonl 
 
 - `nothing` always says that nothing is missing. `prior` knows how often each kind of case comes, and looks at no data.
 - `regression` fits the model as stated and regresses its residuals on what each candidate would change.
+- `false discovery` selects from the same regression with control of the expected share of false discoveries.
+- `Gaussian process` models the residuals as a process over time: it says whether something is missing, not what.
+- `PySINDy` learns sparse dynamics of what the readings hold beyond the model, in the flights between impacts.
 - `diagnose` is `cradle diagnose`, which searches sets of effects by evidence. It has a column once it has answered.
 - `earlier diagnose` is the one of version 0.2.0, which added effects one by one. Its answers are kept, not made anew.
 """

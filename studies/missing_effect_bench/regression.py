@@ -39,8 +39,7 @@ class Direction:
 
 def regress(experiment: Experiment, prior: Mapping[Names, float]) -> dict[Names, float]:
     """The probabilities of the sets of a prior."""
-    searcher = Searcher(FitCache(None, ""), 0, 1)
-    fitted = searcher.fit_all_data(searcher.fit_global(with_known_noise(experiment)))
+    fitted = fit_as_stated(experiment)
     directions = find_directions(fitted)
     evidence = {
         names: log_evidence(fitted, [directions[name] for name in names])
@@ -53,6 +52,12 @@ def regress(experiment: Experiment, prior: Mapping[Names, float]) -> dict[Names,
     unknown = probability_of_unknown(prior[UNKNOWN], peak < FALSE_ALARM)
     share = (1.0 - unknown) / math.fsum(weights.values())
     return {UNKNOWN: unknown, **{names: share * weight for names, weight in weights.items()}}
+
+
+def fit_as_stated(experiment: Experiment) -> FitResult:
+    """The model as stated, fitted to all readings."""
+    searcher = Searcher(FitCache(None, ""), 0, 1)
+    return searcher.fit_all_data(searcher.fit_global(with_known_noise(experiment)))
 
 
 def probability_of_unknown(before: float, significant: bool) -> float:

@@ -32,9 +32,12 @@ from studies.missing_effect_bench.candidates import (
 )
 from studies.missing_effect_bench.cases import HERE, PUBLIC_CASES, PUBLIC_SEED, plan, public_truths, write
 from studies.missing_effect_bench.entrants import BLIND, ENTRANTS, PROBABILITY_OF_UNKNOWN, answer_case, read_diagnosis
+from studies.missing_effect_bench.false_discovery import Q, discover, select
+from studies.missing_effect_bench.gaussian_process import weigh
 from studies.missing_effect_bench.page import PAGE, ROWS, page
-from studies.missing_effect_bench.regression import false_alarm_probability, regress
+from studies.missing_effect_bench.regression import Direction, false_alarm_probability, regress
 from studies.missing_effect_bench.scoring import check_answer, judge, reliability, summarize
+from studies.missing_effect_bench.sparse_dynamics import Flight, learn, name_terms
 from tests.synthetic import simulated_run
 
 
@@ -257,6 +260,55 @@ def test_regression_finds_what_is_plain():
 
 def test_regression_finds_nothing_where_nothing_is():
     assert regress(pendulum({}), prior(1))[NOTHING] > 0.6  # without the criterion, more unknowns always fit better
+
+
+def most_probable(found):
+    assert sum(found.values()) == pytest.approx(1.0)
+    return max(found, key=found.__getitem__)
+
+
+@pytest.mark.slow  # ten fits
+def test_discoveries_are_what_is_plain():
+    assert most_probable(discover(pendulum({"quadratic_drag": {"c2": 4e-2}}), prior(1))) == {"quadratic_drag"}
+
+
+def test_nothing_is_discovered_where_nothing_is():
+    assert discover(pendulum({}), prior(1))[NOTHING] == 1.0 - Q
+
+
+def test_false_discoveries_are_as_rare_as_is_said():
+    """In white noise any discovery is false: of 1000 draws Q have one, to 4 standard deviations of a count."""
+    fitted: Any = SimpleNamespace(count=400, noise_inflation=1.0)
+    rng = np.random.default_rng(0)
+    directions = {f"{k}": Direction(np.eye(400)[:, [k]], 1) for k in range(12)}
+    found = []
+    for _ in range(1000):
+        fitted.residuals = rng.standard_normal(400)
+        found.append(bool(select(fitted, directions)))
+    assert np.mean(found) == pytest.approx(Q, abs=4.0 * math.sqrt(Q / 1000))
+    fitted.residuals[3] = 30.0
+    assert select(fitted, directions)[0] == "3"
+
+
+def test_a_gaussian_process_sees_that_something_is_missing():
+    pytest.importorskip("sklearn", reason="needs the extra 'rivals'")
+    assert most_probable(weigh(pendulum({}), prior(1))) == NOTHING
+    assert weigh(pendulum({"quadratic_drag": {"c2": 4e-2}}), prior(1))[NOTHING] < 0.01
+
+
+def test_pysindy_finds_a_term_that_is_plain():
+    """A wrong zero of the angles, 5 standard deviations of their noise, is a constant force beyond the model."""
+    pytest.importorskip("pysindy", reason="needs the extra 'rivals'")
+    times, noise = np.arange(0.0, 40.0, 1 / 60), 1e-3 * np.random.default_rng(0).standard_normal(2400)
+    swing = 0.1 * np.exp(-0.01 * times)
+
+    def most_votes(beyond):
+        terms = learn([Flight(times, beyond, swing * np.cos(times), -swing * np.sin(times))], 2.0 * np.pi)
+        return Counter(terms).most_common(1)[0][0]
+
+    assert most_votes(noise) == frozenset()
+    assert most_votes(noise + 5e-3) == {"1"} and name_terms(frozenset({"1", "v"})) == {"angle_offset"}
+    assert name_terms(frozenset({"1", "θ³"})) == UNKNOWN
 
 
 def test_a_peak_of_noise_is_as_rare_as_is_said():
