@@ -15,19 +15,20 @@ from cradle_env.release import Release
 from identification.experiment.constraint import KINDS, Constraint, parse_constraint, sound_table
 from identification.experiment.csv_file import parse_recording
 from identification.experiment.recording import Recording
-from identification.experiment.run import Prior, ReleaseInfo, Run, check_noise, check_prior, check_run
+from identification.experiment.run import Prior, ReleaseInfo, Run, Tracking, check_noise, check_prior, check_run
 from identification.storage.files import ExperimentError
 from identification.storage.toml_table import Table, toml_key, toml_text
 
 FILE_NAME = "experiment.toml"
 FORMAT = "cradle-experiment/1"
 _CRADLE_KEYS = tuple(f.name for f in dataclasses.fields(Cradle) if f.name not in ("model", "effects"))
-_RUN_KEYS = ("file", "quantity", "release", "delta", "noise", "fit_from", "fit_to", "state", "rest")
+_RUN_KEYS = ("file", "quantity", "release", "delta", "noise", "tracking", "fit_from", "fit_to", "state", "rest")
 #: A run of impacts that `cradle measure sound` has written; others are in [[run]] tables with a quantity.
 SOUND = "sound"
-_SOUND_KEYS = tuple(key for key in _RUN_KEYS if key not in ("quantity", "rest"))
+_SOUND_KEYS = tuple(key for key in _RUN_KEYS if key not in ("quantity", "rest", "tracking"))
 _PRIOR_KEYS = ("mean", "sd", "low", "high")
 _PRIOR = "a prior, { mean = ..., sd = ... } or { low = ..., high = ... }"
+_TRACKING_KEYS = tuple(f.name for f in dataclasses.fields(Tracking))
 _RELEASE_KEYS = ("bobs", "angle", "angles", "angle_sd", "time_sd", "start")
 
 
@@ -200,6 +201,8 @@ def _read_run(table: Table, file: str, recording: Recording, cradle: Cradle) -> 
         with table.entry("noise"):
             noise = check_noise(table.number("noise"), recording.unit, recording.scale)
             values["noise"] = noise * recording.scale
+    if "tracking" in table:
+        values["tracking"] = _read_tracking(table.table("tracking"), recording)
     for key, choices in (("state", ("release", "free")), ("rest", ("known", "free"))):
         if key in table:
             values[key] = table.string(key, choices)
@@ -224,6 +227,13 @@ def _read_run(table: Table, file: str, recording: Recording, cradle: Cradle) -> 
             **values,
         )
         return check_run(cradle, run)
+
+
+def _read_tracking(table: Table, recording: Recording) -> Tracking:
+    table.allow_only(_TRACKING_KEYS)
+    ratio, place, speed = (table.number(key) for key in _TRACKING_KEYS)
+    with table.entry():
+        return Tracking(ratio, place * recording.scale, speed * recording.scale)
 
 
 def _read_release(table: Table) -> ReleaseInfo:
@@ -295,6 +305,8 @@ def experiment_text(
             if "angles" in release:
                 del release["bobs"]
             entries["release"] = release | {"angle_sd": run.release.angle_sd, "time_sd": run.release.time_sd}
+        if run.tracking is not None:
+            entries["tracking"] = dataclasses.asdict(run.tracking)
         lines += ["", "[[run]]", *_entries(entries)]
     for constraint in constraints:
         lines += ["", f"[[{constraint.kind}]]", *_entries({"file": Path(constraint.file).name})]

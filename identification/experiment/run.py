@@ -104,6 +104,34 @@ class ReleaseInfo:
             object.__setattr__(self, name, check_range(name, getattr(self, name), unit, 0.0))
 
 
+@dataclass(frozen=True)
+class Tracking:
+    """Errors of readings that repeat where a bob passes the same place as fast; see `TrackingNoise`.
+
+    Parameters
+    ----------
+    ratio : float
+        Their standard deviation over the noise of a reading.
+    place : float
+        Distance over which they are alike [rad or m].
+    speed : float
+        Difference of speed over which they are alike [rad/s or m/s].
+
+    Raises
+    ------
+    ValueError
+        If one of them is not positive and finite.
+    """
+
+    ratio: float
+    place: float
+    speed: float
+
+    def __post_init__(self) -> None:
+        for name in ("ratio", "place", "speed"):
+            object.__setattr__(self, name, check_range(f"tracking.{name}", getattr(self, name), "", 0.0, above=True))
+
+
 @dataclass(frozen=True, eq=False)
 class Run:
     """One measured run, in SI units.
@@ -124,6 +152,8 @@ class Run:
         δ, one number or one per gap; in an `Experiment`, that of the cradle if omitted.
     noise : float, optional
         Standard deviation of one reading [rad, m or s]; inferred if omitted.
+    tracking : Tracking, optional
+        Errors of readings that repeat; none if omitted.
     fit_from : float, optional
         Earlier readings are not used [s]; the first reading if omitted.
     fit_to : float, optional
@@ -153,6 +183,7 @@ class Run:
     release: ReleaseInfo | None = None
     delta: float | tuple[float, ...] = None  # type: ignore[assignment]  # filled in by Experiment
     noise: float | None = None
+    tracking: Tracking | None = None
     fit_from: float = None  # type: ignore[assignment]  # filled in below
     fit_to: float | None = None
     state: str = "release"
@@ -183,6 +214,8 @@ class Run:
             object.__setattr__(self, "noise", check_noise(self.noise, self.si_unit))
         if self.of_impacts and (self.state, self.rest) != ("release", "known"):
             raise ValueError('state and rest of a run of impacts stay "release" and "known": a click shows no position')
+        if self.of_impacts and self.tracking is not None:
+            raise ValueError("tracking does not go with a run of impacts, which no camera follows; leave it out")
         if self.of_impacts and self.release is not None and self.release.time_sd > 0.0:
             raise ValueError("time_sd must be 0 in a run of impacts, whose clock is inferred; leave it out")
         self._check_window()

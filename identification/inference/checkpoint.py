@@ -180,7 +180,8 @@ class Checkpoint:
 
     def noise_model(self) -> NoiseModel:
         """The noise model of the chains."""
-        known = self.likelihood.noise_model.with_impact_order(self.impact_order())
+        known = self.likelihood.with_tracking_noise(self.mode(0).point).noise_model
+        known = known.with_impact_order(self.impact_order())
         return known.with_inflations(self.inflations())
 
     def inflations(self) -> list[float]:

@@ -36,8 +36,11 @@ _LEAST_SAMPLE = 10.0
 
 
 def with_known_noise(experiment: Experiment) -> Experiment:
-    """State the noise of each run, by an estimate if needed: an inferred noise would hide a misfit."""
-    runs = tuple(dataclasses.replace(run, noise=noise_of(run)) for run in experiment.runs)
+    """State the noise of each run, by an estimate if needed: an inferred noise would hide a misfit.
+
+    For the same reason errors that repeat count as residuals, not as tracking noise.
+    """
+    runs = tuple(dataclasses.replace(run, noise=noise_of(run), tracking=None) for run in experiment.runs)
     return dataclasses.replace(experiment, runs=runs)
 
 

@@ -73,13 +73,14 @@ def estimate_impact_order_noise(
     runs = zip(likelihood.reading_slices(), likelihood.noise_model.weights, strict=True)
     impact_order = [_principal_noise(jumps[part] * weight) for part, weight in runs]
     known = likelihood.with_noise(likelihood.noise_model.with_impact_order(impact_order))
+    J = known.noise_model.whiten_impact_order(J, known.reading_slices())
     for _ in range(_STEPS):
         residuals = known.residuals(point)
-        moved, reached, _ = best_move(known, point, gauss_newton_steps(known.whiten(J), residuals))
+        moved, reached, _ = best_move(known, point, gauss_newton_steps(J, residuals))
         if not reached < float(np.sum(residuals**2)):
             break
         point = moved
-    return known, laplace_approximation(known, point, known.whiten(J))
+    return known, laplace_approximation(known, point, J)
 
 
 def impact_order_chi2(likelihood: Misfit, point: np.ndarray, J: np.ndarray, covariance: np.ndarray) -> float:

@@ -22,6 +22,7 @@ from identification.inference import click_likelihood
 from identification.inference.impossible_model import ImpossibleModelError, raises_impossible
 from identification.inference.instrument import Instrument
 from identification.inference.noise_model import NoiseModel
+from identification.inference.tracking_noise import TrackingNoise
 from identification.inference.unknowns import (
     CLICK_LAG,
     FALSE_RATE,
@@ -300,7 +301,8 @@ class Likelihood:
         prior = [
             (u.value(z) - u.mean) / u.sd for u, z in zip(self.unknowns, point, strict=True) if not math.isnan(u.sd)
         ]
-        return self.whiten(np.concatenate([*parts, self.constraint_residuals(self.values(point)), np.array(prior)]))
+        residuals = np.concatenate([*parts, self.constraint_residuals(self.values(point)), np.array(prior)])
+        return self.noise_model.whiten(residuals, self.reading_slices())
 
     @raises_impossible
     def constraint_residuals(self, values: Mapping[str, float]) -> np.ndarray:
@@ -311,9 +313,18 @@ class Likelihood:
         cradle = self.cradle(values)
         return np.concatenate([constraint.residuals(cradle) for constraint in constraints])
 
-    def whiten(self, residuals: np.ndarray) -> np.ndarray:
-        """Divide residuals (R,) or (R, M) over the weights of the noise model by impact-order noise as well."""
-        return self.noise_model.whiten(residuals, self.reading_slices())
+    def with_tracking_noise(self, point: np.ndarray) -> Likelihood:
+        """The same with the tracking noise of each run that states it, where the bobs pass at a point (D,)."""
+        if all(run.tracking is None for run in self.experiment.runs):
+            return self
+        known = []
+        for k, (run, rows) in enumerate(zip(self.experiment.runs, self.rows, strict=True)):
+            if run.tracking is None or rows.sum() < 2:
+                known.append(TrackingNoise())
+                continue
+            motion = self.predict(point, k, rows)[0]
+            known.append(TrackingNoise.of(run.tracking, run.times[rows], motion, ~np.isnan(run.readings[rows])))
+        return self.with_noise(self.noise_model.with_tracking(known))
 
 
 def _newton_exponent(cradle: Cradle, initial: Release | InitialState, grid: np.ndarray, theta: np.ndarray) -> float:

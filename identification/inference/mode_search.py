@@ -58,7 +58,8 @@ def find_mode(
        longer and longer early data.
     3. Refine the best distinct modes on all data.
     4. Try neighbouring values of κ around the best one, and refine it once more.
-    5. Widen the covariance by the modes of κ beside it that are nearly as good.
+    5. Where errors of readings repeat, refine it with this tracking noise.
+    6. Widen the covariance by the modes of κ beside it that are nearly as good.
 
     Returns (the likelihood, with the noise at the mode where the noise was unknown; the mode). Raises
     ImpossibleModelError if no point can be simulated over all data.
@@ -106,6 +107,8 @@ def find_mode(
         likelihood = _reweight(likelihood, point)
         point, _ = search_kappa_modes(likelihood, point, cost(likelihood, point), options)
     likelihood, point = refit(likelihood, point, options)
+    if any(run.tracking is not None for run in likelihood.experiment.runs):
+        likelihood, point = refit(likelihood.with_tracking_noise(point), point, options)
     J = difference_jacobian(likelihood, point, likelihood.residuals(point))
     mode = laplace_approximation(likelihood, point, J)
     if "kappa" in likelihood.names and not has_impact_order:
@@ -151,7 +154,8 @@ def _reweight(likelihood: Likelihood, point: np.ndarray) -> Likelihood:
     weights = list(likelihood.noise_model.weights)
     for k, (run, rows) in enumerate(zip(likelihood.experiment.runs, likelihood.rows, strict=True)):
         if (run.noise is None or run.of_impacts) and rows.any():
-            residual = likelihood.predict(point, k, rows)[0] - run.readings[rows]
+            residual = (likelihood.predict(point, k, rows)[0] - run.readings[rows])[~np.isnan(run.readings[rows])]
+            residual = likelihood.noise_model.whiten_tracking(k, residual)
             is_guess = run.of_impacts and run.noise is None  # no estimate from the readings, as of a smooth motion
             least = LEAST_WEIGHT if is_guess else likelihood.noise_model.scales[k]
             weights[k] = max(typical(residual, run), least)

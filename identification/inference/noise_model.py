@@ -1,4 +1,4 @@
-"""The noise model of readings: white noise, its correlation in time, and impact-order noise."""
+"""The noise model of readings: white noise, its correlation in time, tracking noise, and impact-order noise."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ from identification.experiment.noise import noise_of
 from identification.experiment.run import Run
 from identification.inference.click_likelihood import NOISE, SEARCH_WEIGHT
 from identification.inference.low_rank_noise import LowRankNoise
+from identification.inference.tracking_noise import TrackingNoise
 
 #: While the noise of a run is unknown, a search divides residuals by at least this part of the readings' RMS.
 _UNKNOWN_NOISE = 0.02
@@ -33,13 +34,16 @@ class NoiseModel:
     inflations : tuple of float
         Inflation of χ² of each run by noise that is correlated in time, (1 + ρ)/(1 − ρ) with the correlation ρ of
         successive readings; see `chi2_inflation`.
+    tracking : tuple of TrackingNoise
+        Of each run; empty where none is stated, and until a fit says where the bobs pass.
     impact_order : tuple of LowRankNoise
-        Of each run; empty if the order of impacts is certain.
+        Of each run, over the other kinds of noise; empty if the order of impacts is certain.
     """
 
     scales: tuple[float, ...]
     weights: tuple[float, ...]
     inflations: tuple[float, ...]
+    tracking: tuple[TrackingNoise, ...] = ()
     impact_order: tuple[LowRankNoise, ...] = ()
 
     @classmethod
@@ -57,12 +61,28 @@ class NoiseModel:
         """The same with other inflations."""
         return dataclasses.replace(self, inflations=tuple(inflations))
 
+    def with_tracking(self, tracking: Sequence[TrackingNoise]) -> NoiseModel:
+        """The same with other tracking noise."""
+        return dataclasses.replace(self, tracking=tuple(tracking))
+
     def with_impact_order(self, impact_order: Sequence[LowRankNoise]) -> NoiseModel:
         """The same with other impact-order noise."""
         return dataclasses.replace(self, impact_order=tuple(impact_order))
 
     def whiten(self, residuals: np.ndarray, parts: Sequence[slice]) -> np.ndarray:
-        """Divide residuals (R,) or (R, M) over the weights by impact-order noise as well; parts: slice of each run."""
+        """Divide residuals (R,) or (R, M) over the weights by the other kinds of noise as well; parts: slice of each
+        run."""
+        residuals = residuals.copy()
+        for k, part in enumerate(parts):
+            residuals[part] = self.whiten_tracking(k, residuals[part])
+        return self.whiten_impact_order(residuals, parts)
+
+    def whiten_tracking(self, run: int, residuals: np.ndarray) -> np.ndarray:
+        """Divide residuals (R,) or (R, M) of a run by its tracking noise over white noise."""
+        return self.tracking[run].whiten(residuals) if self.tracking else residuals
+
+    def whiten_impact_order(self, residuals: np.ndarray, parts: Sequence[slice]) -> np.ndarray:
+        """Divide residuals (R,) or (R, M) over all but impact-order noise by this as well; parts: slice of each run."""
         if not self.impact_order:
             return residuals
         residuals = residuals.copy()
@@ -72,8 +92,10 @@ class NoiseModel:
 
     def log_density(self, run: int, residuals: np.ndarray, scale: float) -> float:
         """Log density of the residuals (R,) [rad or m] of a run whose white noise is `scale`, up to a constant."""
-        residuals = residuals / scale
+        residuals = self.whiten_tracking(run, residuals / scale)
         volume = len(residuals) * math.log(scale)
+        if self.tracking:
+            volume += self.tracking[run].log_volume()
         if self.impact_order:
             residuals = self.impact_order[run].whiten(residuals, scale)
             volume += self.impact_order[run].log_volume(scale)

@@ -263,7 +263,10 @@ def test_a_film_ends_as_an_experiment(filmed, tmp_path, capsys):
     camera = {"angle_scale.scale", "exposure_blur.duration", "oblique_view.slant", "oblique_view.pitch",
               "oblique_view.roll"}  # fmt: skip
     assert experiment.cradle.bobs == 2 and {*experiment.infer} == {"length", *camera}
-    assert experiment.runs[0].release is not None
+    run = experiment.runs[0]
+    assert run.release is not None
+    # Errors that repeat over a quarter of a radius, seen from a pivot 15 radii away.
+    assert run.tracking is not None and run.tracking.place == pytest.approx(0.23 / 15.0, rel=0.1)
     content = json.loads((out / "measurement.json").read_text())
     assert content["details"]["missing"] == [0.0, 0.0] and content["kind"] == "video"
     overlay = Film(out / "overlay.mp4")

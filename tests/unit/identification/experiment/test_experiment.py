@@ -15,7 +15,7 @@ from cradle_env.release import Release
 from identification.experiment.csv_file import read_recording
 from identification.experiment.experiment import Experiment, ExperimentError, Prior, ReleaseInfo
 from identification.experiment.noise import estimate_correlation, estimate_noise, noise_gap_bound
-from identification.experiment.run import Run
+from identification.experiment.run import Run, Tracking
 from identification.experiment.scaffold import scaffold
 from identification.storage.files import write_together
 from tests.reference.laboratory import correlated_noise
@@ -80,6 +80,14 @@ def test_units(load, header, unit, scale):
     assert run.readings[:, 0] == pytest.approx([0.02 * scale, 0.03 * scale])
     assert (run.unit, run.scale, run.quantity) == (unit, scale, header.partition("_")[0])
     assert run.noise == pytest.approx(0.001 * scale)
+
+
+def test_tracking_noise_is_in_the_unit_of_the_file_and_comes_back(load, tmp_path):
+    toml = edit("noise = 0.001", "tracking = { ratio = 0.5, place = 0.2, speed = 3.0 }")
+    experiment = load(toml, "t [s],x_1 [cm]\n0,2.0\n1,2.1\n")
+    assert experiment.runs[0].tracking == Tracking(0.5, 0.002, 0.03)
+    again = Experiment.from_texts(experiment.texts())
+    assert again.runs[0].tracking == experiment.runs[0].tracking
 
 
 @pytest.mark.parametrize(
@@ -243,6 +251,9 @@ REFUSED = {
     "extreme": (edit("0.2813", "1e308\nlength = 1e-300"), CSV, ["cradle"]),
     "mass": (edit("0.2813", "-1"), CSV, ["line 4", "mass is -1 kg", "greater than 0 kg"]),
     "bobs": (edit("bobs = 3", "bobs = 0"), CSV, ["line 3", "bobs is 0", "at least 1 and at most 200"]),
+    "tracking": (edit("noise = 0.001", "tracking = { ratio = 0.5, place = -0.2, speed = 3.0 }"), CSV,
+                 ["tracking.place is -0.2", "greater than 0"]),
+    "tracking without speed": (edit("noise = 0.001", "tracking = { ratio = 0.5, place = 0.2 }"), CSV, ["speed"]),
     "delta": (edit("noise = 0.001", "delta = -1.0"), CSV, ["line 11", "delta is -1", "greater than -1"]),
     "inward release": (edit("angle = 0.228", "angle = -0.228"), CSV, ["overlap", "positive towards the last bob"]),
     "delta list": (edit("noise = 0.001", "delta = [0.1]"), CSV, ["line 11", "1 values", "2 gaps"]),
