@@ -54,8 +54,8 @@ def find_mode(
     """Find the best mode of a posterior.
 
     1. Compute χ² of the early data at random points of the search box.
-    2. Refine the best points of all, and of each slice of κ, on the early data; if the initial state is unknown, on
-       longer and longer early data.
+    2. Refine the best points of all, and of each slice of κ, on the early data, and the best of these on longer and
+       longer early data.
     3. Refine the best distinct modes on all data.
     4. Try neighbouring values of κ around the best one, and refine it once more.
     5. Where errors of readings repeat, refine it with this tracking noise.
@@ -66,11 +66,9 @@ def find_mode(
     """
     report = progress or (lambda *_: None)
     rng = np.random.default_rng(seed)
-    is_free = any(run.state == "free" for run in likelihood.experiment.runs)
-    lengths = (*options.free_state_periods, options.early_periods) if is_free else (options.early_periods,)
     stages = [
         Likelihood(likelihood.experiment, early_rows(likelihood, periods), likelihood.workers, likelihood.parameters)
-        for periods in lengths
+        for periods in options.early_periods
     ]
     width = np.array([u.search for u in likelihood.unknowns])
     starts = likelihood.start() + width * rng.uniform(-1.0, 1.0, (options.draws, len(width)))
@@ -79,9 +77,9 @@ def find_mode(
     report("search", 0.0, f"{options.draws} points")
     costs = np.array(in_threads(lambda z: cost(stages[0], z), list(starts), likelihood.workers))
     chosen = [starts[i] for i in _choose_starts(likelihood, starts, costs, options)]
-    parts = len(chosen) + (sum(options.free_state_modes) if is_free else 0) + options.finished_modes + 2
+    parts = len(chosen) + sum(options.early_modes) + options.finished_modes + 2
     refined, done = [], 0
-    for early, kept in zip(stages, (*options.free_state_modes, 0), strict=False):
+    for early, kept in zip(stages, (*options.early_modes, 0), strict=True):
         refined = []
         for reached in refine_each(early, chosen, _EARLY_EVALUATIONS, options):
             done += 1
@@ -264,7 +262,7 @@ def refit(likelihood: Likelihood, point: np.ndarray, options: SearchOptions = DE
     return likelihood, point
 
 
-def early_rows(likelihood: Likelihood, periods: float = DEFAULT.early_periods) -> list[np.ndarray]:
+def early_rows(likelihood: Likelihood, periods: float) -> list[np.ndarray]:
     """The rows, (T,) of bool for each run, within its first small-angle periods."""
     limit = periods * likelihood.experiment.cradle.period
     return [

@@ -23,11 +23,10 @@ class SearchOptions:
         change χ² more than κ does.
     best_draws : int
         The best draws of all that are refined beside those of the slices.
-    early_periods : float
-        Length of the early data [small-angle periods]. Over 8 periods the misfit is nearly convex in κ.
-    free_state_periods : tuple of float
-        Lengths of the early data [small-angle periods] before `early_periods` if the initial state is unknown.
-    free_state_modes : tuple of int
+    early_periods : tuple of float
+        Lengths of the early data [small-angle periods], each longer than the last: the misfit has few minima over the
+        first, and over 8 periods it is nearly convex in κ.
+    early_modes : tuple of int
         Modes that go on from each of these lengths to the next one.
     mode_separation : float
         Modes whose κ differ by less than this fraction count as one.
@@ -93,9 +92,8 @@ class SearchOptions:
     draws: int = 240
     kappa_slices: int = 12
     best_draws: int = 6
-    early_periods: float = 8.0
-    free_state_periods: tuple[float, ...] = (2.0, 4.0)
-    free_state_modes: tuple[int, ...] = (10, 5)
+    early_periods: tuple[float, ...] = (2.0, 4.0, 8.0)
+    early_modes: tuple[int, ...] = (10, 5)
     mode_separation: float = 2e-3
     finished_modes: int = 2
     kappa_steps: tuple[float, ...] = (-0.06, -0.045, -0.03, -0.02, -0.01, 0.01, 0.02, 0.03, 0.045, 0.06)
@@ -125,6 +123,11 @@ class SearchOptions:
             value = getattr(self, field.name)
             if isinstance(value, int | float):
                 check_range(field.name, value, "", 0.0)
+        if len(self.early_modes) != len(self.early_periods) - 1:
+            raise ValueError(
+                f"early_modes has {len(self.early_modes)} numbers; give one between each two of the"
+                f" {len(self.early_periods)} early_periods"
+            )
         if not self.adaptation_steps:
             raise ValueError("adaptation_steps is empty; give one step or more, such as (40,)")
         if abs(sum(self.move_weights) - 1.0) > 1e-9:

@@ -1,6 +1,7 @@
 """The search for the best mode, on readings of the soft-contact reference."""
 
 import numpy as np
+import pytest
 
 from cradle_env import Cradle, Release
 from identification import Experiment
@@ -40,3 +41,28 @@ def test_the_covariance_covers_other_modes_of_kappa():
     error = np.log(likelihood.values(mode.point)["kappa"] / truth["kappa"])
     # Of six seeds all lie within 1.7 sd. Without the other modes this one is off by 5 sd and more.
     assert abs(error) < 2.5 * sd < 0.15
+
+
+def test_the_mode_of_a_film_of_three_bobs_is_found():
+    """The readings of a film: much about the camera and the release is uncertain, and the noise is not stated. Without
+    shorter data first, this search ends with κ 8 % off, seven modes away."""
+    truth = {"k_f": 21566.2, "kappa": 211.838, "b": 0.0039162}
+    delta, length, angles = 0.0219, 0.2996, {3: 0.1612}
+    times = np.arange(0.0, 13.0, 1 / 60)
+    seen = simulate_soft(SoftCradle(3, delta=delta, stiffness_factor=1e6, **truth), angles, times=times).theta
+    readings = seen + 1.5e-4 * np.random.default_rng(1).standard_normal(seen.shape)
+    view = {"slant": 0.0, "pitch": 0.0, "roll": 0.0, "spacing": 0.1364}
+    camera = {"exposure_blur": {"duration": 5.8e-3}, "angle_scale": {"scale": 0.0}, "oblique_view": view}
+    uncertain = {"length": Prior(mean=length, sd=6e-3), "angle_scale.scale": Prior(mean=0.0, sd=1e-2)}
+    uncertain |= {"exposure_blur.duration": Prior(mean=5.8e-3, sd=4e-3), "oblique_view.roll": Prior(mean=0.0, sd=3e-3)}
+    uncertain |= {f"oblique_view.{name}": Prior(mean=0.0, sd=0.02) for name in ("slant", "pitch")}
+    cradle = Cradle(bobs=3, delta=delta, length=length)
+    cradle = cradle.replace(effects={**cradle.effects, **camera})
+    release = ReleaseInfo(Release(angles=angles), angle_sd=1e-3, time_sd=1e-3)
+    run = Run(times, readings, release=release, delta=delta, rest="free")
+    experiment = Experiment(cradle, (run,), uncertain, tuple(name for name in uncertain if "." in name))
+    likelihood, mode = find_mode(Likelihood(experiment), seed=1)
+    found = likelihood.values(mode.point)
+    # Ten standard deviations of κ, and of k_f; other modes of κ are 1 % apart.
+    assert found["kappa"] == pytest.approx(truth["kappa"], rel=1e-3)
+    assert found["k_f"] == pytest.approx(truth["k_f"], rel=5e-3)

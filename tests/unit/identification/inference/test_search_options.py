@@ -71,7 +71,13 @@ def test_chains_of_other_options_are_not_resumed(swing, tmp_path):
 
 @pytest.mark.parametrize(
     "options",
-    [{"max_rhat": 1.0}, {"draws": -1}, {"adaptation_steps": ()}, {"move_weights": (0.5, 0.5, 0.5)}],
+    [
+        {"max_rhat": 1.0},
+        {"draws": -1},
+        {"adaptation_steps": ()},
+        {"early_modes": (10,)},
+        {"move_weights": (0.5, 0.5, 0.5)},
+    ],
 )
 def test_impossible_options_are_refused(options):
     with pytest.raises(ValueError, match=next(iter(options))):
