@@ -196,8 +196,8 @@ def test_a_sweep_costs_little_more_than_its_runs():
         (seconds(lambda: sweep(grid, duration=duration)), seconds(lambda: simulate_batch(cradles, RELEASE, duration)))
         for _ in range(4)
     ]
-    ours, bare = np.min(pairs, axis=0)
-    assert ours < 1.5 * bare, pairs
+    # Both of a pair see the same load of the machine.
+    assert np.median([ours / bare for ours, bare in pairs]) < 1.5, pairs
 
 
 @pytest.mark.parametrize(("quantity", "kept"), [("lambda", False), ("energy_share", True)])
