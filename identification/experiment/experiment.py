@@ -17,7 +17,7 @@ from cradle_env.release import Release
 from identification.experiment.constraint import KINDS, Constraint
 from identification.experiment.csv_file import csv_text
 from identification.experiment.experiment_file import FILE_NAME, experiment_text, read_experiment
-from identification.experiment.run import Prior, ReleaseInfo, Run, check_prior, check_run
+from identification.experiment.run import Prior, ReleaseInfo, Run, Tracking, check_prior, check_run
 from identification.storage.files import ExperimentError, read_text, resolve_beside, write_together
 
 
@@ -241,4 +241,4 @@ def _digest(*files: bytes) -> str:
     return hashlib.sha256(b"".join(hashlib.sha256(data).digest() for data in files)).hexdigest()
 
 
-__all__ = ["Constraint", "Experiment", "ExperimentError", "Prior", "ReleaseInfo", "Run"]
+__all__ = ["Constraint", "Experiment", "ExperimentError", "Prior", "ReleaseInfo", "Run", "Tracking"]

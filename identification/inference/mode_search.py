@@ -105,8 +105,9 @@ def find_mode(
         likelihood = _reweight(likelihood, point)
         point, _ = search_kappa_modes(likelihood, point, cost(likelihood, point), options)
     likelihood, point = refit(likelihood, point, options)
-    if any(run.tracking is not None for run in likelihood.experiment.runs):
-        likelihood, point = refit(likelihood.with_tracking_noise(point), point, options)
+    tracked = likelihood.with_tracking_noise(point)
+    if tracked is not likelihood:
+        likelihood, point = refit(tracked, point, options)
     J = difference_jacobian(likelihood, point, likelihood.residuals(point))
     mode = laplace_approximation(likelihood, point, J)
     if "kappa" in likelihood.names and not has_impact_order:
@@ -152,7 +153,8 @@ def _reweight(likelihood: Likelihood, point: np.ndarray) -> Likelihood:
     weights = list(likelihood.noise_model.weights)
     for k, (run, rows) in enumerate(zip(likelihood.experiment.runs, likelihood.rows, strict=True)):
         if (run.noise is None or run.of_impacts) and rows.any():
-            residual = (likelihood.predict(point, k, rows)[0] - run.readings[rows])[~np.isnan(run.readings[rows])]
+            readings = run.readings[rows]
+            residual = (likelihood.predict(point, k, rows)[0] - readings)[~np.isnan(readings)]
             residual = likelihood.noise_model.whiten_tracking(k, residual)
             is_guess = run.of_impacts and run.noise is None  # no estimate from the readings, as of a smooth motion
             least = LEAST_WEIGHT if is_guess else likelihood.noise_model.scales[k]

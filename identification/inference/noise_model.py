@@ -72,9 +72,10 @@ class NoiseModel:
     def whiten(self, residuals: np.ndarray, parts: Sequence[slice]) -> np.ndarray:
         """Divide residuals (R,) or (R, M) over the weights by the other kinds of noise as well; parts: slice of each
         run."""
-        residuals = residuals.copy()
-        for k, part in enumerate(parts):
-            residuals[part] = self.whiten_tracking(k, residuals[part])
+        if self.tracking:
+            residuals = residuals.copy()
+            for noise, part in zip(self.tracking, parts, strict=True):
+                residuals[part] = noise.whiten(residuals[part])
         return self.whiten_impact_order(residuals, parts)
 
     def whiten_tracking(self, run: int, residuals: np.ndarray) -> np.ndarray:

@@ -17,7 +17,7 @@ from identification.inference.fit_result import FitResult
 from studies.missing_effect_bench.candidates import NOTHING, Names
 from studies.missing_effect_bench.regression import fit_as_stated
 
-#: Readings of a bob that the process sees, in blocks of successive ones evenly over the run: its cost is cubic.
+#: Readings of a bob that the process sees at least, evenly over the run, where there are as many: its cost is cubic.
 READINGS = 600
 #: Hyperparameters of the process: the size and the length in time.
 PARAMETERS = 2

@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 import warnings
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -22,20 +22,20 @@ from identification.inference.fit_result import FitResult
 from studies.missing_effect_bench.candidates import COMMON_LENGTH, UNKNOWN, Names, merge
 from studies.missing_effect_bench.regression import fit_as_stated
 
-#: Terms of the angle θ, its rate v over the small-angle frequency, and the time t [s], each with the candidate that it
-#: is: None where no candidate is, "" where the fitted drag is.
-TERMS = {
-    "v": "",
-    "1": "angle_offset",
-    "θ": COMMON_LENGTH,
-    "θ ln(1 + t)": "string_creep",
-    "|v| v": "quadratic_drag",
-    "tanh(v / 0.02 rad)": "pivot_friction",
-    "θ²": None,
-    "θ³": None,
-    "θ v": None,
-    "θ² v": None,
-    "v³": None,
+#: Terms of the angle θ, its rate v over the small-angle frequency, and the time t [s]: each with the candidate that it
+#: is, None where no candidate is, "" where the fitted drag is.
+TERMS: dict[str, tuple[str | None, Callable[..., np.ndarray]]] = {
+    "v": ("", lambda theta, v, t: v),
+    "1": ("angle_offset", lambda theta, v, t: np.ones_like(v)),
+    "θ": (COMMON_LENGTH, lambda theta, v, t: theta),
+    "θ ln(1 + t)": ("string_creep", lambda theta, v, t: theta * np.log1p(np.maximum(t, 0.0))),
+    "|v| v": ("quadratic_drag", lambda theta, v, t: np.abs(v) * v),
+    "tanh(v / 0.02 rad)": ("pivot_friction", lambda theta, v, t: np.tanh(v / 0.02)),
+    "θ²": (None, lambda theta, v, t: theta**2),
+    "θ³": (None, lambda theta, v, t: theta**3),
+    "θ v": (None, lambda theta, v, t: theta * v),
+    "θ² v": (None, lambda theta, v, t: theta**2 * v),
+    "v³": (None, lambda theta, v, t: v**3),
 }
 #: Window of the smoothed derivative, in periods, and order of its polynomials. A flight lasts half a period where two
 #: bobs meet.
@@ -64,7 +64,7 @@ def vote(experiment: Experiment) -> dict[Names, float]:
 
 def name_terms(terms: frozenset[str]) -> Names:
     """The effects that these terms are; "unknown" where one of them is no effect."""
-    names = {TERMS[term] for term in terms} - {""}
+    names = {TERMS[term][0] for term in terms} - {""}
     return UNKNOWN if None in names else merge(name for name in names if name is not None)
 
 
@@ -99,8 +99,9 @@ def learn(flights: list[Flight], period: float) -> list[frozenset[str]]:
         # One of each window: smoothing makes the others its copies, which no bootstrap knows.
         accelerations.append(acceleration[width // 2 :: width])
         library.append(evaluate_terms(flight)[width // 2 :: width])
+    if not library:
+        raise ValueError(f"no flight has more than the {width} readings of a smoothed derivative; film faster")
     A, y = np.concatenate(library), np.concatenate(accelerations)[:, None]
-
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", "Sparsity parameter is too big")  # no term is an answer, too
         chosen = _bootstrap(A, y)
@@ -126,10 +127,5 @@ def _bootstrap(A: np.ndarray, y: np.ndarray) -> np.ndarray:
 
 
 def evaluate_terms(flight: Flight) -> np.ndarray:
-    """The terms in the order of TERMS, (T, 11)."""
-    theta, v = flight.theta, flight.v
-    log = np.log1p(np.maximum(flight.times, 0.0))
-    return np.column_stack(
-        [v, np.ones_like(v), theta, theta * log, np.abs(v) * v, np.tanh(v / 0.02),
-         theta**2, theta**3, theta * v, theta**2 * v, v**3]
-    )  # fmt: skip
+    """The terms in the order of TERMS, (T, K)."""
+    return np.column_stack([term(flight.theta, flight.v, flight.times) for _, term in TERMS.values()])

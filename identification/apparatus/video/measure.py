@@ -35,8 +35,8 @@ _SLANT_SD = 0.02
 #: Part of a frame for which a shutter is open: mean and 1 sigma.
 _OPEN = 0.35, 0.25
 #: Errors of tracked centres that repeat: their standard deviation over that of those that do not, and the distance
-#: [radii] and the speed [radii per radian of a swing] over which they are alike. The likeliest ones for 38 bobs in 22
-#: made films, whose truth is known.
+#: [radii] and the speed [radii per radian of a swing] over which they are alike. At this speed, which is a guess, the
+#: other two are the likeliest for 38 bobs in 22 made films; studies/film/calibrations.md counts what comes of them.
 _REPEATED = 0.6, 0.23, 1.0
 #: Part by which a stated length and that of the period may differ before the film's clock is doubted; what the arcs say
 #: of a length may differ from it by this much more, as a logarithm, for strings stretch, and by so many sd.

@@ -35,9 +35,9 @@ from studies.missing_effect_bench.entrants import BLIND, ENTRANTS, PROBABILITY_O
 from studies.missing_effect_bench.false_discovery import Q, discover, select
 from studies.missing_effect_bench.gaussian_process import weigh
 from studies.missing_effect_bench.page import PAGE, ROWS, page
-from studies.missing_effect_bench.regression import Direction, false_alarm_probability, regress
+from studies.missing_effect_bench.regression import Direction, false_alarm_probability, fit_as_stated, regress
 from studies.missing_effect_bench.scoring import check_answer, judge, reliability, summarize
-from studies.missing_effect_bench.sparse_dynamics import Flight, learn, name_terms
+from studies.missing_effect_bench.sparse_dynamics import Flight, find_flights, learn, name_terms
 from tests.synthetic import simulated_run
 
 
@@ -309,6 +309,15 @@ def test_pysindy_finds_a_term_that_is_plain():
     assert most_votes(noise) == frozenset()
     assert most_votes(noise + 5e-3) == {"1"} and name_terms(frozenset({"1", "v"})) == {"angle_offset"}
     assert name_terms(frozenset({"1", "θ³"})) == UNKNOWN
+    with pytest.raises(ValueError, match="no flight has more than the"):
+        learn([Flight(times[:9], noise[:9], swing[:9], swing[:9])], 2.0 * np.pi)
+
+
+def test_a_flight_holds_what_the_readings_have_beyond_the_model():
+    """A lone bob has one flight."""
+    experiment = pendulum({})
+    (flight,) = find_flights(fit_as_stated(experiment))
+    assert flight.theta + flight.beyond == pytest.approx(experiment.runs[0].readings[:, 0], abs=1e-12)
 
 
 def test_a_peak_of_noise_is_as_rare_as_is_said():

@@ -82,7 +82,7 @@ def test_units(load, header, unit, scale):
     assert run.noise == pytest.approx(0.001 * scale)
 
 
-def test_tracking_noise_is_in_the_unit_of_the_file_and_comes_back(load, tmp_path):
+def test_tracking_noise_is_in_the_unit_of_the_file_and_comes_back(load):
     toml = edit("noise = 0.001", "tracking = { ratio = 0.5, place = 0.2, speed = 3.0 }")
     experiment = load(toml, "t [s],x_1 [cm]\n0,2.0\n1,2.1\n")
     assert experiment.runs[0].tracking == Tracking(0.5, 0.002, 0.03)

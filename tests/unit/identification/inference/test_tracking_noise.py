@@ -39,8 +39,8 @@ def recorded(times, readings, tracking, **fields):
 
 
 def test_density_is_that_of_the_covariance():
-    """With a missing reading. The rest of the variance that the low-rank covariance leaves out is 2 % at most; here it
-    changes the log density by 0.3, and a covariance without tracking noise does by 50."""
+    """With a missing reading. The low-rank covariance leaves out 2 % of a variance at most. Here that changes the log
+    density by 0.1; without tracking noise it changes by 290."""
     times = np.arange(0.0, 6.0, 1 / 30)
     theta, speed = swing(times)
     sigma = 1e-4
