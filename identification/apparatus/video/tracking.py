@@ -4,7 +4,8 @@ Bobs in a row cannot pass through each other, so their order along the row never
 left to right, are the bobs from first to last. Where some are hidden, or something else looks like a bob, the
 assignment with the most evidence is taken of all that keep the order and leave room for the bobs between. Each frame
 is decided anew: what is predicted from earlier ones weighs little, and no error is passed on. At the end each reading
-is compared with how the same bob looks in the rest of the film: a round end of what hides it is not the bob.
+is compared with how the same bob looks in the rest of the film: a round end of what hides it is not the bob. Where not
+all bobs are seen, the order leaves several answers; a reading counts if it leads to a frame in which all are.
 """
 
 from __future__ import annotations
@@ -35,6 +36,8 @@ _FIRST_SD, _WELL, _LOOKS, _ORDERS = 1.0, 0.9, 5, (2, 3, 4)
 #: contrast at most, or by this many standard deviations where light or reflections change it; its edge lies within
 #: this many times the median scatter. Bobs seen whole stay within 0.1 and 2.2; the end of a hand is off by 0.4 or more.
 _OTHER, _OTHER_SD, _ROUGH = 0.25, 6.0, 2.5
+#: For how long where a bob was last tells where it is [s].
+_FRESH = 0.1
 #: Times in WebM and Matroska are whole milliseconds, half a frame at 500 frames/s.
 _TICK = 1e-3
 #: Part of the time between two frames that a shutter is taken to be open.
@@ -63,9 +66,9 @@ def track(film: Film, found: Survey, progress: Progress = lambda *_: None) -> Tr
             rate = number / max(clock.monotonic() - began, 1e-9)
             progress("track", number / found.frames, f"frame {number} of {found.frames}, {rate:.0f} frames/s")
     table = np.array(rows)
-    places, scatter, radii, level, contrast = table[..., :2], table[..., 2], table[..., 3], table[..., 4], table[..., 5]
-    table[strange(scatter, level, contrast)] = np.nan
-    return Tracks(even(np.array(times), _TICK / film.slow_motion), places, scatter, radii)
+    table[strange(table[..., 2], table[..., 4], table[..., 5])] = np.nan
+    table = identified(table, np.array(times), found.radius)
+    return Tracks(even(np.array(times), _TICK / film.slow_motion), table[..., :2], table[..., 2], table[..., 3])
 
 
 def _row(seen: Centres) -> np.ndarray:
@@ -96,6 +99,55 @@ def _outlines(found: Survey) -> np.ndarray:
     return outlines
 
 
+def identified(table: np.ndarray, times: np.ndarray, radius: float) -> np.ndarray:
+    """Rows of readings (T, N, ...), each moved to the bob that it is of; nan where that is not known.
+
+    table: its last axis begins with x, y [pixels]; times: (T,) [s]. Where all the bobs of a frame are seen, their order
+    tells which is which. From such a frame on, and back from it, a bob is the reading within a radius of where it was
+    last, as long as it cannot have gone further: another bob is two radii away. What is reached from neither side, or
+    is one bob from before and another from behind, or has a rival in its frame, is not known.
+    """
+    places = table[..., :2]
+    full = np.isfinite(places).all(axis=(1, 2))
+    both = full[1:] & full[:-1]
+    steps = np.linalg.norm(np.diff(places, axis=0), axis=-1) / np.diff(times)[:, None]
+    longest = _longest(radius, steps[both].max() if both.any() else np.inf)
+    forward = _followed(places, times, full, radius, longest)
+    back = _followed(places[::-1], -times[::-1], full[::-1], radius, longest)[::-1]
+    bob = np.where(forward < 0, back, np.where((back < 0) | (back == forward), forward, -1))
+    for each in range(bob.shape[1]):
+        claimed = bob == each
+        bob[claimed & (claimed.sum(axis=1, keepdims=True) > 1)] = -1
+    moved = np.full_like(table, np.nan)
+    frame, column = np.nonzero(bob >= 0)
+    moved[frame, bob[frame, column]] = table[frame, column]
+    return moved
+
+
+def _longest(radius: float, fastest: float) -> float:
+    """For how long [s] a bob is known by where it was last, if none is faster than this [pixels/s]."""
+    return min(_FRESH, radius / max(fastest, 1e-9))
+
+
+def _followed(places: np.ndarray, times: np.ndarray, full: np.ndarray, radius: float, longest: float) -> np.ndarray:
+    """Which bob each reading (T, N) is, -1 where that is not known; times increase."""
+    frames, bobs = places.shape[:2]
+    bob = np.full((frames, bobs), -1)
+    last, seen_at = np.full((bobs, 2), np.inf), np.full(bobs, -np.inf)
+    for k in range(frames):
+        if full[k]:
+            bob[k] = np.arange(bobs)
+        else:
+            known = times[k] - seen_at < longest
+            for column in np.flatnonzero(np.isfinite(places[k, :, 0])):
+                apart = np.where(known, np.linalg.norm(places[k, column] - last, axis=-1), np.inf)
+                if apart.min() < radius and apart.argmin() not in bob[k]:
+                    bob[k, column] = apart.argmin()
+        got = np.flatnonzero(bob[k] >= 0)
+        last[bob[k, got]], seen_at[bob[k, got]] = places[k, got], times[k]
+    return bob
+
+
 def strange(scatter: np.ndarray, level: np.ndarray, contrast: np.ndarray) -> np.ndarray:
     """Which readings (T, N) do not look like the same bob in the rest of the film; nan where a bob is not seen."""
     found = np.zeros(scatter.shape, bool)
@@ -124,12 +176,12 @@ class _Tracker:
         self.last = found.rest.copy()
         self.speed = np.zeros_like(found.rest)
         self.seen_at = np.full(len(found.rest), -np.inf)
-        self.time = -np.inf
+        self.fastest = 0.0
 
     def step(self, time: float, picture: np.ndarray) -> Centres:
         """What is seen of the bobs in the next frame."""
         discs = self._discs(picture)
-        fresh = time - self.seen_at < 0.1
+        fresh = time - self.seen_at < _FRESH
         ago = np.where(fresh, time - self.seen_at, 0.0)
         expected = np.where(fresh[:, None], self.last + self.speed * ago[:, None], self.rest)
         reach = np.where(fresh, 1.0 + 2.0 * np.linalg.norm(self.speed, axis=1) * ago / self.radius, 6.0) * self.radius
@@ -145,12 +197,20 @@ class _Tracker:
                 break
             # What has no edge is no bob, and must not decide which bobs the others are.
             discs = Discs(np.delete(discs.places, without_edge, axis=0), np.delete(discs.responses, without_edge))
-        steps = time - self.seen_at
-        known = got & (steps < 0.1)
-        self.speed[known] = (exact.places[known] - self.last[known]) / steps[known, None]
-        self.speed[got & ~known] = 0.0
-        self.last[got], self.seen_at[got] = exact.places[got], time
+        self._remember(time, exact.places, got)
         return exact
+
+    def _remember(self, time: float, places: np.ndarray, got: np.ndarray) -> None:
+        """Where bobs are expected next follows from those that are known only; see `identified`."""
+        ago = time - self.seen_at
+        near = np.linalg.norm(places - self.last, axis=1) < self.radius
+        known = got & (got.all() | (near & (ago < _longest(self.radius, self.fastest))))
+        fresh = known & (ago < _FRESH)
+        self.speed[known] = 0.0
+        self.speed[fresh] = (places[fresh] - self.last[fresh]) / ago[fresh, None]
+        if fresh.all():
+            self.fastest = max(self.fastest, np.linalg.norm(self.speed, axis=1).max())
+        self.last[known], self.seen_at[known] = places[known], time
 
     def _discs(self, picture: np.ndarray) -> Discs:
         """Those in the strip in which the bobs move, in pixels of the picture."""

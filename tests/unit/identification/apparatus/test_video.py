@@ -15,7 +15,7 @@ from identification.apparatus.video.geometry import _flights, geometry
 from identification.apparatus.video.measure import measure_video
 from identification.apparatus.video.release import begin
 from identification.apparatus.video.survey import survey
-from identification.apparatus.video.tracking import Tracks, assign, even, strange, track
+from identification.apparatus.video.tracking import Tracks, assign, even, identified, strange, track
 from identification.cli.app import main
 from identification.experiment.experiment import Experiment
 from identification.storage.files import ExperimentError
@@ -111,6 +111,47 @@ def test_a_reading_is_compared_with_the_same_bob_elsewhere():
     assert not strange(scatter, level, contrast).any()
     level[3, 0], level[5, 1], scatter[7, 1] = 120.0, 140.0, 0.7
     assert np.argwhere(strange(scatter, level, contrast)).tolist() == [[3, 0], [5, 1], [7, 1]]
+
+
+@pytest.mark.slow
+def test_a_bob_that_comes_out_first_is_not_taken_for_another(tmp_path):
+    """Both of two bobs are behind the same thing, and come out at different sides of it, far from where they hang."""
+    case = replace(draw(2083, 1200)[0], duration=11.5, truth={"k_f": 21.2e3, "kappa": 185.0, "b": 1.2e-3})
+    errors = np.linalg.norm(tracked(tmp_path, case, "film.mp4"), axis=-1)
+    assert np.nanmax(errors) < 0.7  # the other bob is at least 32 pixels off
+    assert np.isnan(errors).all(axis=1).any() and not np.isnan(errors[-40:]).any()
+
+
+def readings(x, times=None):
+    """x: (T, N) [pixels] as a table of readings, each with its bob's number from 0 after x and y."""
+    x = np.asarray(x, float)
+    table = np.stack([x, np.zeros_like(x), np.tile(np.arange(x.shape[1]), (len(x), 1))], axis=-1)
+    table[np.isnan(x)] = np.nan
+    return table, np.arange(len(x)) / 60.0 if times is None else times
+
+
+def test_a_reading_is_of_the_bob_to_which_it_leads():
+    """Bobs of 10 pixels, 2 pixels a frame; the reading between the full frames was given to the wrong bob."""
+    nan = np.nan
+    x = [[0, 20], [2, 22], [4, nan], [nan, 6], [8, nan], [10, 30], [12, 32]]
+    found = identified(*readings(x), 10.0)
+    assert found[:, 0, 0].tolist() == [0, 2, 4, 6, 8, 10, 12] and found[3, 0, 2] == 1  # all of it moves
+    assert np.isnan(found[2:5, 1]).all() and found[5:, 1, 0].tolist() == [30, 32]
+
+
+def test_a_reading_that_leads_to_no_full_frame_or_to_two_bobs_is_of_none():
+    nan = np.nan
+    # A bob that comes out alone and goes again; then one that is bob 1 from before and bob 2 from behind.
+    alone = [[0, 20], [2, 22], *[[nan, nan]] * 7, [nan, 15], [nan, 17], *[[nan, nan]] * 7, [2, 22]]
+    assert np.isnan(identified(*readings(alone), 10.0)[2:-1]).all()
+    torn = [[0, 20], [0, 20], *[[2.5 * k, nan] for k in range(1, 8)], [0, 20]]
+    assert np.isnan(identified(*readings(torn), 10.0)[2:-1]).all()
+
+
+def test_slow_films_tell_a_bob_from_full_frames_only():
+    """At 8 frames/s a bob goes a radius between frames: what is seen alone may be its neighbour."""
+    x = np.array([[0, 20], [12, 32], [24, 44], [np.nan, 44], [24, 44]])
+    assert np.isnan(identified(*readings(x, np.arange(5) / 8.0), 10.0)[3]).all()
 
 
 def test_order_is_kept_where_discs_are_missing():
