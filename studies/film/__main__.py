@@ -1,6 +1,6 @@
 """Render films of simulated cradles, measure them, and count what is wrong.
 
-    python -m studies.film [--films 200] [--first 100] [--frames 600]
+    python -m studies.film [--films 200] [--first 1310]
 
 Each film is drawn by its number. What is found is kept in studies/film/results.jsonl, a line for each film; the same
 command goes on from there. results.md is made of all that is kept.
@@ -15,20 +15,19 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
-from cradle_env import __version__
-from studies.film.draw import draw
+from studies.film.draw import FRAMES, draw
 from studies.film.judge import judge
 from studies.film.made import make
 from studies.film.page import page
-from studies.kept_rows import read_rows
+from studies.kept_rows import committed_code, read_rows
 
 HERE = Path(__file__).parent
 KEPT = HERE / "results.jsonl"
 
 
-def measure(number: int, frames: int, folder: Path) -> dict[str, Any]:
+def measure(number: int, folder: Path) -> dict[str, Any]:
     """The row of one film."""
-    case, ending = draw(number, frames)
+    case, ending = draw(number, FRAMES)
     path = folder / f"film{ending}"
     truth = make(path, case)
     try:
@@ -37,7 +36,6 @@ def measure(number: int, frames: int, folder: Path) -> dict[str, Any]:
         found = {"refused": str(problem).replace(str(path), path.name)}
     return {
         "film": number,
-        "version": __version__,
         "codec": case.codec,
         "bobs": case.bobs,
         "rate": case.camera.rate,
@@ -52,15 +50,15 @@ def main() -> int:
         prog="python -m studies.film", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--films", type=int, default=200, help="how many; 0: results.md alone")
-    parser.add_argument("--first", type=int, default=100, help="number of the first; earlier ones served development")
-    parser.add_argument("--frames", type=int, default=600, help="of a film, at most; 20 s at 60 frames/s take 1200")
+    parser.add_argument("--first", type=int, default=1310, help="number of the first; earlier ones served development")
     asked = parser.parse_args()
+    code = committed_code(HERE)
     done = {row["film"] for row in read_rows(KEPT)}
     for number in range(asked.first, asked.first + asked.films):
         if number in done:
             continue
         with tempfile.TemporaryDirectory() as folder:
-            row = measure(number, asked.frames, Path(folder))
+            row = {**measure(number, Path(folder)), "code": code}
         with KEPT.open("a", encoding="utf-8") as file:
             file.write(json.dumps(row) + "\n")
         print(f"film {number}: {len(read_rows(KEPT))} kept", file=sys.stderr, flush=True)

@@ -25,16 +25,15 @@ from identification.apparatus import measure_video
 from identification.inference.likelihood import Likelihood
 from identification.inference.normal_approximation import normal_approximation
 from identification.inference.statistics import statistics
-from studies.film.draw import draw
+from studies.film.draw import FRAMES, draw
 from studies.film.made import make
 from studies.film.page import share
 from studies.kept_rows import committed_code, read_rows
 
 HERE = Path(__file__).parent
 ROWS, PAGE = HERE / "calibrations.jsonl", HERE / "calibrations.md"
-#: Films have this many frames at most, 20 s at 60 frames/s. Those shorter than some swings, and those of more bobs,
-#: which take an hour, are left out.
-_FRAMES, _SHORTEST, _MOST_BOBS = 1200, 8.0, 3
+#: Films shorter than some swings, and those of more bobs, which take an hour, are left out.
+_SHORTEST, _MOST_BOBS = 8.0, 3
 #: Draws of the normal approximation of the posterior.
 _DRAWS = 2000
 _NAMES = ("k_f", "kappa", "b")
@@ -42,7 +41,7 @@ _NAMES = ("k_f", "kappa", "b")
 
 def calibrate_film(number: int, folder: Path) -> dict[str, Any] | None:
     """The row of one film; None of one that is left out."""
-    case, ending = draw(number, _FRAMES)
+    case, ending = draw(number, FRAMES)
     if case.duration < _SHORTEST or case.bobs > _MOST_BOBS:
         return None
     rng = np.random.default_rng([40, number])

@@ -11,8 +11,8 @@ from studies.film.made import Case
 RATES = {30: 0.4, 60: 0.25, 120: 0.15, 240: 0.1, 480: 0.05, 960: 0.05}
 #: Containers and the codecs in them.
 CODECS = {".mp4": "libx264", ".mov": "mpeg4", ".avi": "mjpeg", ".webm": "libvpx-vp9"}
-#: Longest film [s].
-LONGEST = 20.0
+#: Longest film [s], and most frames of one: those at more than 60 frames/s are shorter.
+LONGEST, FRAMES = 20.0, 1200
 
 
 def draw(seed: int, frames: int) -> tuple[Case, str]:
