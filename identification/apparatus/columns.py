@@ -74,9 +74,19 @@ def read_columns(path: Path, known: Mapping[str, Column]) -> Columns:
     return Columns(found, hashlib.sha256(data).hexdigest())
 
 
+def name_of(label: str) -> str:
+    """The name in a label with or without a unit.
+
+    >>> name_of("v1 [m/s]")
+    'v1'
+    """
+    match = _LABEL.fullmatch(label)
+    return match[1].strip() if match else label
+
+
 def _column(at: str, label: str, known: Mapping[str, Column], example: str) -> tuple[str, float]:
     match = _LABEL.fullmatch(label)
-    name, unit = (match[1].strip(), match[2]) if match else (label, None)
+    name, unit = name_of(label), match[2] if match else None
     if name not in known:
         raise ExperimentError(f"{at}: {unknown_key('column', name[:40], known)}; expected a header line like {example}")
     units = known[name].units

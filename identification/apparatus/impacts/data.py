@@ -10,11 +10,12 @@ from pathlib import Path
 import numpy as np
 
 from cradle_env.cradle import Cradle
-from identification.apparatus.columns import SPEEDS, TIMES, Column, Columns, digest_of, read_columns
+from identification.apparatus.columns import SPEEDS, TIMES, Column, Columns, digest_of, name_of, read_columns
 from identification.apparatus.impacts.flights import speeds_of
-from identification.experiment.csv_file import read_recording
-from identification.experiment.recording import is_content
+from identification.apparatus.recordings import read_motion
+from identification.experiment.recording import find_delimiter, is_content, split_header
 from identification.experiment.text_encoding import decode
+from identification.experiment.zipped_table import is_zip
 from identification.storage.files import ExperimentError, read_bytes
 
 _MOST_BOBS = 9
@@ -55,16 +56,15 @@ class Durations:
 
 def read_impacts(
     paths: Sequence[str | Path], cradle: Cradle
-) -> tuple[list[Passed], list[Durations], str]:  # fmt: skip
-    """What files hold, by their columns, and the SHA-256 over them."""
+) -> tuple[list[Passed], list[Durations], list[str], str]:  # fmt: skip
+    """What files hold, by their columns, how recordings were read, and the SHA-256 over all."""
     if not paths:
         raise ValueError("no file is given; name a table of speeds, of durations, or a recording of the bobs")
-    passed, durations, digests = [], [], []
+    passed, durations, remarks, digests = [], [], [], []
     for path in map(Path, paths):
-        text, _ = decode(str(path), read_bytes(path))
-        header = next((line for line in text.split("\n") if is_content(line)), "")
-        if "theta_" in header or "x_" in header or "\tx" in header:
-            recording = read_recording(path)
+        if not _is_table(path):
+            recording, understood = read_motion(path)
+            remarks += understood
             before, before_sd, after, after_sd = speeds_of(recording, cradle)
             values = (np.array([value]) for value in (before, before_sd, after, after_sd))
             passed.append(Passed(str(path), recording.readings.shape[1], *values))
@@ -85,7 +85,17 @@ def read_impacts(
                 f"{path}: neither speeds nor durations; the header names v1 [m/s],v3 [m/s] (the last of three bobs),"
                 " or v [m/s],duration [us], or theta_1 [rad], theta_2 [rad], … of a recording"
             )
-    return passed, durations, digest_of(digests)
+    return passed, durations, remarks, digest_of(digests)
+
+
+def _is_table(path: Path) -> bool:
+    """Whether a file has a column of a table of speeds or durations; else it is a recording."""
+    data = read_bytes(path)
+    if is_zip(data):
+        return False
+    text, _ = decode(str(path), data)
+    header = next((line for line in text.split("\n") if is_content(line)), "")
+    return any(name_of(label) in _KNOWN for label in split_header(header, find_delimiter(header)))
 
 
 def _column(columns: Columns, name: str) -> np.ndarray:

@@ -136,7 +136,7 @@ def measure_impacts(
     """
     assumed, cradle = cradle is None, cradle or Cradle()
     progress("read", 0.0, f"{len(files)} files")
-    passed, durations, inputs = read_impacts(files, cradle)
+    passed, durations, remarks, inputs = read_impacts(files, cradle)
     free = ("k_f", "k_el") if passed and durations else ("k_f",)
     progress("fit", 0.2, f"{sum(len(x.before) for x in passed) + sum(len(x.speed) for x in durations)} impacts")
     chosen = fit(passed, durations, cradle, free)
@@ -166,7 +166,7 @@ def measure_impacts(
     if "k_el" in free:
         known = known.replace(youngs_modulus=cradle.youngs_modulus * chosen.of("k_el")[0] / cradle.k_el)
     return ImpactsMeasurement(
-        values, tuple(findings), tuple(warnings), inputs, seed, tuple(passed), tuple(durations), chosen, known
+        values, (*findings, *remarks), tuple(warnings), inputs, seed, tuple(passed), tuple(durations), chosen, known
     )
 
 

@@ -163,7 +163,7 @@ def measure_ringdown(
     Parameters
     ----------
     recordings : sequence of path
-        CSV files of angles or displacements, or experiment.toml files whose runs are all read.
+        Tables of angles or displacements as `cradle new` reads them, or experiment.toml files whose runs are all read.
     cradle : Cradle, optional
         Mass, lengths and κ for CSV files; an experiment.toml states its own. The default cradle if omitted. The
         measured b is proportional to the mass.
@@ -186,7 +186,7 @@ def measure_ringdown(
     assumed = cradle is None and any(Path(path).suffix != ".toml" for path in recordings)
     for count in bobs or ():
         check_range("bobs", count, "", 1, 200)
-    swings, inputs = read_swings(recordings, cradle or Cradle(), bobs, fit_from, fit_to)
+    swings, remarks, inputs = read_swings(recordings, cradle or Cradle(), bobs, fit_from, fit_to)
     structures, total = {}, len(swings) * (len(STRUCTURES) + 1)
     done = itertools.count()
 
@@ -208,7 +208,7 @@ def measure_ringdown(
     evidence = {"+".join(names): value - bic[terms] for names, value in bic.items()}
     values = _values(made, groups, law, terms)
     warnings = _warnings(made, law, assumed)
-    findings = _findings(made, groups, law, terms, evidence)
+    findings = (*_findings(made, groups, law, terms, evidence), *remarks)
     fullest = tuple(structures[STRUCTURES[-1]])
     return RingdownMeasurement(values, findings, warnings, inputs, 0, tuple(made), groups, law, evidence, fullest)
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from cradle_env.cradle import Cradle
 from identification.apparatus.columns import digest_of
-from identification.experiment.csv_file import read_recording
+from identification.apparatus.recordings import read_motion
 from identification.experiment.experiment import Experiment
 from identification.experiment.noise import estimate_noise
 from identification.experiment.run import Run
@@ -46,11 +46,11 @@ def read_swings(
     bobs: Sequence[int] | None,
     fit_from: float | None,
     fit_to: float | None,
-) -> tuple[list[Swing], str]:
-    """The ring-downs of files, and the SHA-256 over them; see `measure_ringdown`."""
+) -> tuple[list[Swing], list[str], str]:
+    """The ring-downs of files, how they were read, and the SHA-256 over them; see `measure_ringdown`."""
     if not paths:
         raise ValueError("no recording is given; name at least one CSV or experiment.toml")
-    swings, digests, counts = [], [], list(bobs or ())
+    swings, remarks, digests, counts = [], [], [], list(bobs or ())
     recordings = [Path(path) for path in paths if Path(path).suffix != ".toml"]
     if counts and len(counts) != len(recordings):
         raise ValueError(
@@ -63,7 +63,8 @@ def read_swings(
             for run in experiment.runs:
                 swings.append(_swing(run.file, experiment.cradle.bobs, experiment.cradle, run, fit_from, fit_to))
             continue
-        recording = read_recording(path)
+        recording, understood = read_motion(path)
+        remarks += understood
         digests.append(hashlib.sha256(recording.data).hexdigest())
         seen = int(np.sum(~np.isnan(recording.readings).all(axis=0)))
         together = counts.pop(0) if counts else seen
@@ -71,7 +72,7 @@ def read_swings(
             raise ValueError(f"{path}: readings of {seen} bobs, but {together} swing together; correct the number")
         run = Run(recording.times, recording.displacements(), recording.quantity, state="free", file=path.name)
         swings.append(_swing(str(path), together, cradle, run, fit_from, fit_to))
-    return swings, digest_of(digests)
+    return swings, remarks, digest_of(digests)
 
 
 def one_bob(cradle: Cradle) -> Cradle:

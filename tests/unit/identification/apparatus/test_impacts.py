@@ -119,6 +119,15 @@ def test_speeds_from_recordings(tmp_path):
     assert before == pytest.approx(true, rel=3e-3)  # drag takes 0.1 %
     assert inside(found.values["k_f"], K_F)
     assert found.values["k_f"].sd < 0.1 * K_F
+    rows = ["Time (ms)\tAngle 1 (°)\tAngle 2 (°)\tAngle 3 (°)"]
+    rows += [
+        "\t".join(map(repr, map(float, row))) for row in np.column_stack([1e3 * made.times, np.degrees(made.readings)])
+    ]
+    sheet = tmp_path / "sheet.txt"
+    sheet.write_text("\n".join(rows), encoding="utf-8")
+    again = measure_impacts([*files[:2], sheet], Cradle(model="pendulum"))
+    assert again.values["k_f"].median == pytest.approx(found.values["k_f"].median, rel=1e-4)
+    assert 'sheet.txt: theta_3 [deg] is "Angle 3 (°)".' in again.findings
 
 
 def test_the_command_writes_what_it_found(tmp_path, truth, capsys):

@@ -105,6 +105,19 @@ def test_groups_of_which_one_bob_is_tracked_are_told_their_number(tmp_path):
         measure_ringdown([path], RIGID, bobs=[1, 2])
 
 
+def test_a_table_of_a_spreadsheet_gives_the_same_drag(tmp_path):
+    """Degrees, semicolons, decimal commas, UTF-16 and CRLF; the report says how the table was read."""
+    plain = recorded(tmp_path / "one.csv", 0.15, b=2e-3)
+    times, theta = np.loadtxt(plain, delimiter=",", skiprows=1, unpack=True)
+    rows = [f"{t:.6f};{np.degrees(angle):.9f}".replace(".", ",") for t, angle in zip(times, theta, strict=True)]
+    other = tmp_path / "sheet.csv"
+    other.write_bytes("\r\n".join(["Zeit (s);Winkel (°)", *rows, ""]).encode("utf-16"))
+    strict, read = measure_ringdown([plain], RIGID), measure_ringdown([other], RIGID)
+    assert read.values["b_1"].median == pytest.approx(strict.values["b_1"].median, rel=1e-5)
+    assert 'sheet.csv: theta_1 [deg] is "Winkel (°)".' in read.findings
+    assert not any("one.csv" in line for line in strict.findings)
+
+
 def test_drag_is_proportional_to_the_mass(tmp_path):
     path = recorded(tmp_path / "one.csv", 0.15, b=2e-3)
     one, two = (measure_ringdown([path], RIGID.replace(mass=mass)) for mass in (MASS, 2.0 * MASS))
@@ -132,6 +145,7 @@ def test_the_command_writes_a_page_a_picture_and_numbers(tmp_path, capsys):
     [
         ("", "empty"),
         ("t [s],theta_1 [rad]\n", "no rows"),
+        ("t [s],speed\n0,1\n1,2\n", "`cradle new` has this option"),
         ("t [s],theta_1 [rad]\n0,0.1\n0.1,x\n", "not a number"),
         ("t [s],theta_1 [rad]\n0,0.1\n0.1,0.2\n0.2,0.1\n0.3,0\n", "lasts 0.3 s"),
         ("t [s],theta_1 [rad]\n" + "".join(f"{k / 10},0.1\n" for k in range(200)), "do not move"),
@@ -141,7 +155,7 @@ def test_the_command_writes_a_page_a_picture_and_numbers(tmp_path, capsys):
             "do not swing together",
         ),
     ],
-    ids=["empty", "no rows", "text", "short", "still", "apart"],
+    ids=["empty", "no rows", "no angle", "text", "short", "still", "apart"],
 )
 def test_recordings_that_cannot_be_used_are_refused_in_one_line(tmp_path, capsys, text, said):
     path = tmp_path / "bad.csv"
