@@ -15,8 +15,8 @@ from studies.film.made import Case, Truth
 
 #: A centre that is this far off is counted as wrong [pixels].
 _WRONG = 1.0
-#: Flights on either side of an impact: at least this long [s] and of this many frames.
-_FLIGHT, _LEAST = 0.1, 5
+#: Flights on either side of an impact: at least this long [s], half of what a bob flies, and of this many frames.
+_FLIGHT, _LEAST = 0.3, 5
 #: Impacts of slower bobs are not timed: a change of velocity [m/s].
 _SLOW = 0.1
 
@@ -87,7 +87,7 @@ def _meeting(
     tracks: Tracks, bob: int, instant: float, flight: float, shutter: float, step: float
 ) -> tuple[float, float] | None:
     """(when the flights before and after meet [s], change of velocity [pixels/s]); None where too little is seen."""
-    omega = np.sqrt(9.81 / 0.306)  # 1/s; over a tenth of a second its error does not matter
+    omega = np.sqrt(9.81 / 0.306)  # 1/s; over a flight its error of 1 % does not matter
     times, x = tracks.times, tracks.places[:, bob, 0]
     about = round(instant / step) * step
     found = about

@@ -97,7 +97,7 @@ def page(rows: Sequence[dict[str, Any]]) -> str:
     lines += [
         "",
         "The impacts that are timed are those of bobs at the ends that change a velocity by more than 0.1 m/s, with a",
-        "flight of 0.1 s or six frames before and after. The two flights meet at the instant. The study takes the",
+        "flight of 0.3 s or six frames before and after. The two flights meet at the instant. The study takes the",
         "frame of the impact from the simulation; it does not search for it.",
         "",
         "| frames/s | films | RMS of centres [pixels] | impacts | RMS of their times [frames] |",
