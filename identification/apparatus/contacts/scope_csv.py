@@ -9,6 +9,9 @@
 | Rigol MSO5000, DHO | Time(s),CH1V |
 | Siglent | names and values in the first lines, then Source,CH1 and Second,Volt |
 | LeCroy | the model, segments and their times, then Time,Ampl |
+| PicoScope | Time,Channel A and (ms),(mV) |
+
+Units of the header count: PicoScope writes those that suit the screen.
 
 Others are read if their lines end with numbers in the same columns. Source: public descriptions and parsers.
 """
@@ -19,6 +22,7 @@ import re
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -34,6 +38,22 @@ _TYPICAL = 2000
 _UNEVEN = 0.01
 _NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
 _INTERVAL = re.compile(rf"\"?sample interval\"?\W+(?:analog\W+)?({_NUMBER})", re.IGNORECASE)
+#: Units of times in s and of voltages in V, and those of what is no trace of voltage against time.
+_TIMES = {
+    "s": 1.0,
+    "sec": 1.0,
+    "second": 1.0,
+    "seconds": 1.0,
+    "ms": 1e-3,
+    "us": 1e-6,
+    "µs": 1e-6,
+    "ns": 1e-9,
+    "ps": 1e-12,
+}
+_VOLTS = {"v": 1.0, "volt": 1.0, "volts": 1.0, "mv": 1e-3, "uv": 1e-6, "µv": 1e-6, "kv": 1e3}
+_FREQUENCIES = frozenset(["hz", "khz", "mhz", "ghz"])
+_NO_VOLTS = frozenset(["db", "dbm", "dbv", "dbu", "a", "ma", "amp", "ampere", "w", "watt"])
+_BRACKETS = re.compile(r".*[\[(]\s*([^\[()\]]*?)\s*[\])]\s*")
 _SEGMENTS = re.compile(r"\"?segments\"?\W+(\d+)", re.IGNORECASE)
 
 
@@ -57,6 +77,10 @@ class ScopeCsv:
         That of the voltages.
     interval : float, optional
         Time from sample to sample [s]; None if neither the header nor a column tells.
+    scale : float
+        Voltage [V] of 1 in the file.
+    clock : float, optional
+        Time [s] of 1 in the first of `places`; None if that is no time, or is not to be looked at.
     """
 
     path: Path
@@ -66,15 +90,17 @@ class ScopeCsv:
     places: tuple[int, ...]
     column: int
     interval: float | None
+    scale: float = 1.0
+    clock: float | None = None
 
     def blocks(self) -> Iterator[np.ndarray]:
-        """Voltages (K,) [V], some at a time. Raises ExperimentError for a line that is no sample."""
+        """Voltages (K,) [V], some at a time. Raises ExperimentError for a line that is no sample, and for a gap."""
         with self.path.open(encoding=self.encoding, errors="replace", newline=None) as file:
             for _ in range(self.first):
                 file.readline()
-            number = self.first
+            number, times = self.first, []
             while lines := file.readlines(_TEXT):
-                volts = []
+                volts, times = [], times[-1:]
                 for line in lines:
                     number += 1
                     if not line.strip("\x00 \t\r\n" + self.delimiter):
@@ -86,8 +112,25 @@ class ScopeCsv:
                             " more than one trace: export it again, one trace in a file"
                         )
                     volts.append(_number(row[self.column], self.delimiter))
+                    times.append(_number(row[self.places[0]], self.delimiter))
                 if volts:
-                    yield np.array(volts)
+                    self._check_times(np.array(times))
+                    yield self.scale * np.array(volts)
+
+    def _check_times(self, times: np.ndarray) -> None:
+        """Raises ExperimentError where times (K,) are not those of evenly spaced samples; rounded times are."""
+        if self.clock is None or self.interval is None or len(times) < 2:
+            return
+        ends = np.linspace(0, len(times) - 1, max(len(times) // _TYPICAL, 1) + 1).astype(int)
+        for first, last in pairwise(ends):
+            some = self.clock * times[first : last + 1]
+            steps, expected = np.diff(some), (last - first) * self.interval
+            rounded = steps[steps > 0.0].min(initial=np.inf)
+            if abs(some[-1] - some[0] - expected) > _UNEVEN * expected + rounded:
+                raise ExperimentError(
+                    f"{self.path}: its times are not {self.interval:g} s apart between {some[0]:.9g} and"
+                    f" {some[-1]:.9g} s, as at a gap or another segment; export a piece without gaps"
+                )
 
 
 def read_form(path: Path, channel: int | None = None, rate: float | None = None) -> ScopeCsv:
@@ -122,8 +165,8 @@ def read_form(path: Path, channel: int | None = None, rate: float | None = None)
     segments = next((int(found[1]) for line in header if (found := _SEGMENTS.match(line))), 1)
     if segments > 1:
         raise ExperimentError(f"{path}: holds {segments} segments; export one segment in a file")
-    stated, is_numbered = _stated_interval(lines[: first + 1], delimiter)
     has_time = len(places) > 1
+    stated, is_numbered = _stated_interval(lines[: first + 1], delimiter)
     voltages = places[1:] if has_time else places
     if channel is None and len(voltages) > 1:
         names = ", ".join(_labels(header, delimiter, voltages))
@@ -133,13 +176,42 @@ def read_form(path: Path, channel: int | None = None, rate: float | None = None)
         )
     if channel is not None and not 1 <= channel <= len(voltages):
         raise ExperimentError(f"{path}: there is no channel {channel}; it has {len(voltages)}, numbered from 1")
-    interval = stated
+    column = voltages[(channel or 1) - 1]
+    scale, clock, interval = _scale(path, header, delimiter, column), None, stated
     if has_time and not is_numbered and rate is None:
+        clock = _clock(path, header, delimiter, places[0])
         rows = (_split(line, delimiter) for line in lines[first : first + _TYPICAL])
         found = [_number(one[places[0]], delimiter) for one in rows if len(one) > places[0]]
-        interval = _interval(path, np.array([time for time in found if time is not None]), stated)
-    column = voltages[(channel or 1) - 1]
-    return ScopeCsv(path, _codec(encoding), delimiter, first, places, column, interval)
+        interval = _interval(path, clock * np.array([time for time in found if time is not None]), stated)
+    return ScopeCsv(path, _codec(encoding), delimiter, first, places, column, interval, scale, clock)
+
+
+def _scale(path: Path, header: list[str], delimiter: str, column: int) -> float:
+    """Voltage [V] of 1 in a column, by the units above it."""
+    units = _units(header, delimiter, column)
+    if strange := [unit for unit in units if unit in _NO_VOLTS]:
+        raise ExperimentError(f"{path}: its samples are in {strange[0]}, not in V; export the voltage over R_a")
+    return next((_VOLTS[unit] for unit in units if unit in _VOLTS), 1.0)
+
+
+def _clock(path: Path, header: list[str], delimiter: str, column: int) -> float:
+    """Time [s] of 1 in a column, by the units above it."""
+    units = _units(header, delimiter, column)
+    if strange := [unit for unit in units if unit in _FREQUENCIES]:
+        raise ExperimentError(f"{path}: is a spectrum, against {strange[0]}; export the voltage against time")
+    return next((_TIMES[unit] for unit in units if unit in _TIMES), 1.0)
+
+
+def _units(header: list[str], delimiter: str, column: int) -> list[str]:
+    """What may be the unit of a column, in small letters: what its labels have in brackets, or else they; last first.
+
+    A letter alone may be the name of a channel, unless it is that of volts or seconds.
+    """
+    rows = [_split(line, delimiter) for line in reversed(header)]
+    labels = [row[column].casefold().replace("\u03bc", "µ") for row in rows if len(row) > column]
+    in_brackets = [_BRACKETS.fullmatch(label) for label in labels]
+    units = [found[1] if found else label for label, found in zip(labels, in_brackets, strict=True)]
+    return [unit for unit, label in zip(units, labels, strict=True) if len(label) > 1 or label in "sv"]
 
 
 def _find_samples(path: Path, lines: list[str]) -> tuple[str, tuple[int, ...], int]:

@@ -80,8 +80,12 @@ def spaces():
     return ["% time voltage", *columns(TIMES, VOLTS, separator="  ")]
 
 
+def picoscope():
+    return ["Time,Channel A", "(us),(mV)", "", *columns(1e6 * TIMES, 1e3 * VOLTS)]
+
+
 FORMS = (
-    tektronix_tds, tektronix_dpo, keysight, rigol_ds1000z, rigol_mso, siglent, lecroy, decimal_comma, spaces,
+    tektronix_tds, tektronix_dpo, keysight, rigol_ds1000z, rigol_mso, siglent, lecroy, decimal_comma, spaces, picoscope,
 )  # fmt: skip
 
 
@@ -120,9 +124,44 @@ def test_a_long_file_is_read_whole(tmp_path):
     assert read(path, RATE)[0] == pytest.approx(long, abs=1e-12)
 
 
+@pytest.mark.parametrize("lost", [40, 99_000])
+def test_a_gap_is_refused_wherever_it_is(tmp_path, lost):
+    """Samples are missing behind the rows from which the rate is taken; also where a file is read in pieces."""
+    for rows in (3000, 150_000):
+        times, path = np.arange(rows + 2000.0) / RATE, tmp_path / "gap.csv"
+        times[rows:] += lost / RATE
+        path.write_text("\n".join(["Time(s),CH1V", *columns(times, np.zeros(len(times)))]))
+        with pytest.raises(ExperimentError, match="as at a gap or another segment"):
+            read(path, None)
+        assert len(read(path, RATE)[0]) == len(times)  # a user who states the rate knows better
+
+
+def test_times_with_few_digits_are_no_gap(tmp_path):
+    """Six digits: beyond 1 ms the times are 25 samples of 0.4 ns apart."""
+    times, path = 9.9e-4 + np.arange(60_000) * 4e-10, tmp_path / "rounded.csv"
+    path.write_text("\n".join(["Time(s),CH1V", *(f"{t:.5e},0.5" for t in times)]))
+    volts, rate = read(path, None)
+    assert len(volts) == len(times) and rate == pytest.approx(2.5e9, rel=0.01)
+
+
+@pytest.mark.parametrize(
+    ("labels", "scale"),
+    [("Time (ms),CH1 (mV)", 1e-3), ("t [s],U [V]", 1.0), ("s,V", 1.0), ("Time,A", 1.0), ("Second,Volt", 1.0)],
+)
+def test_units_of_voltages_count(tmp_path, labels, scale):
+    path = tmp_path / "t.csv"
+    path.write_text("\n".join([labels, *columns(TIMES, VOLTS)]))
+    volts, rate = read(path, None)
+    assert volts == pytest.approx(scale * VOLTS)
+    assert rate == pytest.approx(RATE / (1e-3 if "ms" in labels else 1.0), rel=1e-4)
+
+
 @pytest.mark.parametrize(
     ("lines", "said"),
     [
+        (["Frequency,Channel A", "(MHz),(dBu)", *columns(TIMES, VOLTS)], "samples are in dbu, not in V"),
+        (["Hz,V", *columns(TIMES, VOLTS)], "is a spectrum, against hz"),
+        (["Time (s),CH2 (A)", *columns(TIMES, VOLTS)], "samples are in a, not in V"),
         ([], "no line of numbers"),
         (["Model,DPO4104", "TIME,CH1"], "no line of numbers"),
         ([line.replace("Segments,1", "Segments,3") for line in lecroy()], "holds 3 segments"),
