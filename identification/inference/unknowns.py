@@ -20,8 +20,8 @@ from identification.inference import click_likelihood
 _BOUNDS = {"delta": (-1.0, math.inf), "poisson_ratio": (-1.0, 0.5), "restitution": (0.0, 1.0)}
 #: Without a prior, the logarithm of an unknown is uniform, from start/factor to start·factor.
 _PRIOR_FACTORS = {"k_f": 1000.0, "kappa": 10.0, "b": 100.0}
-#: Half width of the global search in the logarithm: stated values are correct within 15 to 30 %, b within a factor 1.6.
-SEARCH_WIDTHS = {"k_f": 0.25, "kappa": 0.15, "b": 0.5}
+#: Half width of the global search in the logarithm: stated values are correct within 25 to 35 %, b within a factor 1.6.
+SEARCH_WIDTHS = {"k_f": 0.25, "kappa": 0.3, "b": 0.5}
 #: Start value of the tension of strings over that of new strings. It falls from 1 to 1/2 within seconds to a minute of
 #: swinging, and stays there.
 WORN_TENSION_RATIO = 0.6

@@ -43,9 +43,10 @@ def test_the_covariance_covers_other_modes_of_kappa():
     assert abs(error) < 2.5 * sd < 0.15
 
 
-def test_the_mode_of_a_film_of_three_bobs_is_found():
+@pytest.mark.parametrize("stated", [200.0, 270.0])
+def test_the_mode_of_a_film_of_three_bobs_is_found(stated):
     """The readings of a film: much about the camera and the release is uncertain, and the noise is not stated. Without
-    shorter data first, this search ends with κ 8 % off."""
+    shorter data first, this search ends with κ 8 % off; with draws of κ within 15 % of 270, 6 % off."""
     truth = {"k_f": 21566.2, "kappa": 211.838, "b": 0.0039162}
     delta, length, angles = 0.0219, 0.2996, {3: 0.1612}
     times = np.arange(0.0, 13.0, 1 / 60)
@@ -56,7 +57,7 @@ def test_the_mode_of_a_film_of_three_bobs_is_found():
     uncertain = {"length": Prior(mean=length, sd=6e-3), "angle_scale.scale": Prior(mean=0.0, sd=1e-2)}
     uncertain |= {"exposure_blur.duration": Prior(mean=5.8e-3, sd=4e-3), "oblique_view.roll": Prior(mean=0.0, sd=3e-3)}
     uncertain |= {f"oblique_view.{name}": Prior(mean=0.0, sd=0.02) for name in ("slant", "pitch")}
-    cradle = Cradle(bobs=3, delta=delta, length=length)
+    cradle = Cradle(bobs=3, delta=delta, length=length, kappa=stated)
     cradle = cradle.replace(effects={**cradle.effects, **camera})
     release = ReleaseInfo(Release(angles=angles), angle_sd=1e-3, time_sd=1e-3)
     run = Run(times, readings, release=release, delta=delta, rest="free")
