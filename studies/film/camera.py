@@ -179,9 +179,11 @@ def write_film(
         "libx264": {"crf": str(crf), "preset": "veryfast"},
         "libvpx-vp9": {"crf": str(crf), "b": "0", "deadline": "realtime", "cpu-used": "8"},
     }
-    tick = Fraction(1, 60000)  # MPEG-4 knows no finer ones
+    rate = round(1.0 / np.median(np.diff(times)))
+    # MPEG-4 knows no finer ticks than 1/65535 s; in AVI, frames shorter than 1/600 s must be ticks.
+    tick = Fraction(1, 60000 if rate <= 600 else rate)
     with av.open(str(path), "w") as container:
-        stream = container.add_stream(codec, rate=round(1.0 / np.median(np.diff(times))))
+        stream = container.add_stream(codec, rate=rate)
         stream.width, stream.height = first.shape[1], first.shape[0]
         stream.pix_fmt = {"gif": "gray8", "ffv1": "gray", "mjpeg": "yuvj420p"}.get(codec, "yuv420p")
         stream.time_base = stream.codec_context.time_base = tick
