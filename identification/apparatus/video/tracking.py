@@ -3,9 +3,9 @@
 Bobs in a row cannot pass through each other, so their order along the row never changes: the discs of a frame, from
 left to right, are the bobs from first to last. Where some are hidden, or something else looks like a bob, the
 assignment with the most evidence is taken of all that keep the order and leave room for the bobs between. Each frame
-is decided anew: what is predicted from earlier ones weighs little, and no error is passed on. At the end each reading
-is compared with how the same bob looks in the rest of the film: a round end of what hides it is not the bob. Where not
-all bobs are seen, the order leaves several answers; a reading counts if it leads to a frame in which all are.
+is decided anew; what is predicted from earlier ones weighs little. At the end each reading is compared with how the
+same bob looks in the rest of the film: a round end of what hides it is not the bob. Where not all bobs are seen, the
+order leaves several answers. Such readings count if bobs can be followed to them from a frame in which all are seen.
 """
 
 from __future__ import annotations
@@ -36,8 +36,11 @@ _FIRST_SD, _WELL, _LOOKS, _ORDERS = 1.0, 0.9, 5, (2, 3, 4)
 #: contrast at most, or by this many standard deviations where light or reflections change it; its edge lies within
 #: this many times the median scatter. Bobs seen whole stay within 0.1 and 2.2; the end of a hand is off by 0.4 or more.
 _OTHER, _OTHER_SD, _ROUGH = 0.25, 6.0, 2.5
-#: For how long where a bob was last tells where it is [s].
+#: Time after which a bob that was not seen is expected where it hangs [s].
 _FRESH = 0.1
+#: Quantile of the speeds in full frames that counts as the largest: a single wrong centre is above it. What a bob may
+#: go beyond that, in radii: errors of places, and of this speed.
+_FASTEST, _SLACK = 0.999, 0.25
 #: Times in WebM and Matroska are whole milliseconds, half a frame at 500 frames/s.
 _TICK = 1e-3
 #: Part of the time between two frames that a shutter is taken to be open.
@@ -103,49 +106,50 @@ def identified(table: np.ndarray, times: np.ndarray, radius: float) -> np.ndarra
     """Rows of readings (T, N, ...), each moved to the bob that it is of; nan where that is not known.
 
     table: its last axis begins with x, y [pixels]; times: (T,) [s]. Where all the bobs of a frame are seen, their order
-    tells which is which. From such a frame on, and back from it, a bob is the reading within a radius of where it was
-    last, as long as it cannot have gone further: another bob is two radii away. What is reached from neither side, or
-    is one bob from before and another from behind, or has a rival in its frame, is not known.
+    tells which is which. From such a frame on, and back from it, bobs are followed: see `_followed`. Unknown are
+    readings that are reached from neither side, that are one bob from before and another from behind, and two readings
+    of a frame that would be the same bob.
     """
     places = table[..., :2]
     full = np.isfinite(places).all(axis=(1, 2))
     both = full[1:] & full[:-1]
     steps = np.linalg.norm(np.diff(places, axis=0), axis=-1) / np.diff(times)[:, None]
-    longest = _longest(radius, steps[both].max() if both.any() else np.inf)
-    forward = _followed(places, times, full, radius, longest)
-    back = _followed(places[::-1], -times[::-1], full[::-1], radius, longest)[::-1]
-    bob = np.where(forward < 0, back, np.where((back < 0) | (back == forward), forward, -1))
-    for each in range(bob.shape[1]):
-        claimed = bob == each
-        bob[claimed & (claimed.sum(axis=1, keepdims=True) > 1)] = -1
+    fastest = np.quantile(steps[both], _FASTEST) if both.any() else np.inf
+    forward = _followed(places, times, full, radius, fastest)
+    back = _followed(places[::-1], -times[::-1], full[::-1], radius, fastest)[::-1]
+    bob = _of_one(np.where(forward < 0, back, np.where((back < 0) | (back == forward), forward, -1)))
     moved = np.full_like(table, np.nan)
     frame, column = np.nonzero(bob >= 0)
     moved[frame, bob[frame, column]] = table[frame, column]
     return moved
 
 
-def _longest(radius: float, fastest: float) -> float:
-    """For how long [s] a bob is known by where it was last, if none is faster than this [pixels/s]."""
-    return min(_FRESH, radius / max(fastest, 1e-9))
+def _followed(places: np.ndarray, times: np.ndarray, full: np.ndarray, radius: float, fastest: float) -> np.ndarray:
+    """Which bob each reading (T, N) is, -1 where that is not known; times increase. fastest: of all bobs [pixels/s].
 
-
-def _followed(places: np.ndarray, times: np.ndarray, full: np.ndarray, radius: float, longest: float) -> np.ndarray:
-    """Which bob each reading (T, N) is, -1 where that is not known; times increase."""
+    When a bob was last seen, all others were at least two radii away from it. A reading is of this bob if this bob can
+    have come there since, and none of the others can.
+    """
     frames, bobs = places.shape[:2]
     bob = np.full((frames, bobs), -1)
     last, seen_at = np.full((bobs, 2), np.inf), np.full(bobs, -np.inf)
     for k in range(frames):
         if full[k]:
             bob[k] = np.arange(bobs)
-        else:
-            known = times[k] - seen_at < longest
-            for column in np.flatnonzero(np.isfinite(places[k, :, 0])):
-                apart = np.where(known, np.linalg.norm(places[k, column] - last, axis=-1), np.inf)
-                if apart.min() < radius and apart.argmin() not in bob[k]:
-                    bob[k, column] = apart.argmin()
+        elif np.isfinite(places[k]).any():
+            way = fastest * (times[k] - seen_at)
+            apart = np.linalg.norm(places[k, :, None] - last, axis=-1)
+            possible = (apart <= way + _SLACK * radius) & (apart + way < 2.0 * radius)
+            bob[k] = _of_one(np.where(possible.sum(axis=1) == 1, possible.argmax(axis=1), -1)[None])[0]
         got = np.flatnonzero(bob[k] >= 0)
         last[bob[k, got]], seen_at[bob[k, got]] = places[k, got], times[k]
     return bob
+
+
+def _of_one(bob: np.ndarray) -> np.ndarray:
+    """Bobs of readings (T, N), -1 for those of a frame that are the same bob."""
+    same = (bob[:, :, None] == bob[:, None, :]).sum(axis=2) > 1
+    return np.where(same, -1, bob)
 
 
 def strange(scatter: np.ndarray, level: np.ndarray, contrast: np.ndarray) -> np.ndarray:
@@ -176,7 +180,6 @@ class _Tracker:
         self.last = found.rest.copy()
         self.speed = np.zeros_like(found.rest)
         self.seen_at = np.full(len(found.rest), -np.inf)
-        self.fastest = 0.0
 
     def step(self, time: float, picture: np.ndarray) -> Centres:
         """What is seen of the bobs in the next frame."""
@@ -201,15 +204,13 @@ class _Tracker:
         return exact
 
     def _remember(self, time: float, places: np.ndarray, got: np.ndarray) -> None:
-        """Where bobs are expected next follows from those that are known only; see `identified`."""
+        """Only readings that are surely of their bob tell where it is expected next; see `identified`."""
         ago = time - self.seen_at
         near = np.linalg.norm(places - self.last, axis=1) < self.radius
-        known = got & (got.all() | (near & (ago < _longest(self.radius, self.fastest))))
+        known = got & (got.all() | (near & (ago < _FRESH)))
         fresh = known & (ago < _FRESH)
         self.speed[known] = 0.0
         self.speed[fresh] = (places[fresh] - self.last[fresh]) / ago[fresh, None]
-        if fresh.all():
-            self.fastest = max(self.fastest, np.linalg.norm(self.speed, axis=1).max())
         self.last[known], self.seen_at[known] = places[known], time
 
     def _discs(self, picture: np.ndarray) -> Discs:
