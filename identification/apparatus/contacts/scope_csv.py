@@ -18,11 +18,11 @@ Others are read if their lines end with numbers in the same columns. Source: pub
 
 from __future__ import annotations
 
+import math
 import re
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
-from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -32,28 +32,28 @@ from identification.storage.files import ExperimentError
 
 #: Bytes from which the form of a file is determined, and characters that are read at a time.
 _HEAD, _TEXT = 1 << 20, 1 << 22
-#: Rows that show which columns hold samples, and how far apart these are.
-_TYPICAL = 2000
+#: Rows that show which columns hold samples, and how far apart these are; rows beside which facts may stand.
+_TYPICAL, _FACTS = 2000, 40
 #: Departure of the sampling interval from the mean, or from the stated one, from which on the times are wrong.
 _UNEVEN = 0.01
+#: Times that are alike in a row, at most.
+_MOST_ALIKE = 1 << 20
 _NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
 _INTERVAL = re.compile(rf"\"?sample interval\"?\W+(?:analog\W+)?({_NUMBER})", re.IGNORECASE)
-#: Units of times in s and of voltages in V, and those of what is no trace of voltage against time.
-_TIMES = {
-    "s": 1.0,
-    "sec": 1.0,
-    "second": 1.0,
-    "seconds": 1.0,
-    "ms": 1e-3,
-    "us": 1e-6,
-    "µs": 1e-6,
-    "ns": 1e-9,
-    "ps": 1e-12,
-}
-_VOLTS = {"v": 1.0, "volt": 1.0, "volts": 1.0, "mv": 1e-3, "uv": 1e-6, "µv": 1e-6, "kv": 1e3}
-_FREQUENCIES = frozenset(["hz", "khz", "mhz", "ghz"])
-_NO_VOLTS = frozenset(["db", "dbm", "dbv", "dbu", "a", "ma", "amp", "ampere", "w", "watt"])
-_BRACKETS = re.compile(r".*[\[(]\s*([^\[()\]]*?)\s*[\])]\s*")
+#: Units in small letters: a prefix, and what is measured. Prefixes of frequencies and levels do not matter.
+_PREFIXES = {"p": 1e-12, "n": 1e-9, "u": 1e-6, "µ": 1e-6, "m": 1e-3, "": 1.0, "k": 1e3} | {
+    "pico": 1e-12, "nano": 1e-9, "micro": 1e-6, "milli": 1e-3, "kilo": 1e3,
+}  # fmt: skip
+_MEASURED = {
+    "time": "s|secs?|seconds?", "voltage": "v|volts?", "frequency": "[kmg]?hz|hertz", "level": "db[a-zµ]*",
+    "current": "a|amperes?", "power": "w|watts?",
+}  # fmt: skip
+_UNITS = {kind: re.compile(rf"({'|'.join(_PREFIXES)})({names})") for kind, names in _MEASURED.items()}
+#: A unit in a label: in brackets, or behind its last separator, as in t/ms and Time_ms; or all of it.
+_BRACKETS = re.compile(r"[\[(]\s*([^\[()\]]*?)\s*[\])]")
+_LAST_WORD = re.compile(r"[\s/,_]([^\s/,_]+)$")
+#: Lines of a header that state the units of a trace by name.
+_STATED_UNITS = re.compile(r"\"?(horizontal|vertical) units?\"?\W+(?:ch\d+\W+)?([a-zµ]+)", re.IGNORECASE)
 _SEGMENTS = re.compile(r"\"?segments\"?\W+(\d+)", re.IGNORECASE)
 
 
@@ -78,9 +78,11 @@ class ScopeCsv:
     interval : float, optional
         Time from sample to sample [s]; None if neither the header nor a column tells.
     scale : float
-        Voltage [V] of 1 in the file.
+        Voltage [V] of the number 1 in the file.
     clock : float, optional
-        Time [s] of 1 in the first of `places`; None if that is no time, or is not to be looked at.
+        Time [s] of the number 1 in the first of `places`; None if that is no time, or if the user states the rate.
+    spacing : float
+        Time from sample to sample [s] by the first times.
     """
 
     path: Path
@@ -92,45 +94,56 @@ class ScopeCsv:
     interval: float | None
     scale: float = 1.0
     clock: float | None = None
+    spacing: float = math.nan
 
     def blocks(self) -> Iterator[np.ndarray]:
         """Voltages (K,) [V], some at a time. Raises ExperimentError for a line that is no sample, and for a gap."""
         with self.path.open(encoding=self.encoding, errors="replace", newline=None) as file:
             for _ in range(self.first):
                 file.readline()
-            number, times = self.first, []
+            number, unchanged = self.first, np.zeros(0)
             while lines := file.readlines(_TEXT):
-                volts, times = [], times[-1:]
+                volts, times = [], []
                 for line in lines:
                     number += 1
                     if not line.strip("\x00 \t\r\n" + self.delimiter):
                         continue
                     row = _split(line, self.delimiter)
                     if any(place >= len(row) or _number(row[place], self.delimiter) is None for place in self.places):
-                        raise ExperimentError(
-                            f"{self.path}, line {number}: {line.strip()[:40]!r} is no sample; the file is damaged, or"
-                            " more than one trace: export it again, one trace in a file"
-                        )
+                        raise ExperimentError(self._no_sample(number, line))
                     volts.append(_number(row[self.column], self.delimiter))
-                    times.append(_number(row[self.places[0]], self.delimiter))
+                    if self.clock is not None:
+                        times.append(_number(row[self.places[0]], self.delimiter))
+                if self.clock is not None:
+                    unchanged = self._check_times(np.concatenate([unchanged, self.clock * np.array(times)]))
                 if volts:
-                    self._check_times(np.array(times))
                     yield self.scale * np.array(volts)
 
-    def _check_times(self, times: np.ndarray) -> None:
-        """Raises ExperimentError where times (K,) are not those of evenly spaced samples; rounded times are."""
-        if self.clock is None or self.interval is None or len(times) < 2:
-            return
-        ends = np.linspace(0, len(times) - 1, max(len(times) // _TYPICAL, 1) + 1).astype(int)
-        for first, last in pairwise(ends):
-            some = self.clock * times[first : last + 1]
-            steps, expected = np.diff(some), (last - first) * self.interval
-            rounded = steps[steps > 0.0].min(initial=np.inf)
-            if abs(some[-1] - some[0] - expected) > _UNEVEN * expected + rounded:
-                raise ExperimentError(
-                    f"{self.path}: its times are not {self.interval:g} s apart between {some[0]:.9g} and"
-                    f" {some[-1]:.9g} s, as at a gap or another segment; export a piece without gaps"
-                )
+    def _no_sample(self, number: int, line: str) -> str:
+        remedy = "the file is damaged, or more than one trace: export it again, one trace in a file"
+        if "∞" in line:
+            remedy = "the voltage was out of range: record it again in a larger one"
+        return f"{self.path}, line {number}: {line.strip()[:40]!r} is no sample; {remedy}"
+
+    def _check_times(self, times: np.ndarray) -> np.ndarray:
+        """Raises ExperimentError unless times (K,) [s] grow by `spacing` from sample to sample.
+
+        Times with few digits repeat. Between two changes they grow by as much as the samples in between last, to one
+        sample. Returns the times since the last change, which the next ones follow.
+        """
+        steps = np.diff(times)
+        changes = np.concatenate([[0], np.flatnonzero(steps != 0.0) + 1])
+        written, samples = np.diff(times[changes]), np.diff(changes)
+        # The first time may have begun earlier. Where digits are lost, a change may be late by half of the new step.
+        off = np.abs(written - samples * self.spacing) > 1.5 * self.spacing + 0.5 * np.abs(written)
+        off &= (changes[:-1] > 0) | (written < 0.0) | (written > samples * self.spacing)
+        if not np.isfinite(times).all() or off.any() or len(times) - changes[-1] > _MOST_ALIKE:
+            at = times[changes[int(np.argmax(off))]] if off.any() else times[-1]
+            raise ExperimentError(
+                f"{self.path}: behind {at:.9g} s its times are not {self.spacing:g} s apart, as at a gap or another"
+                " segment; export a piece without gaps, or give --rate if it has none"
+            )
+        return times[changes[-1] :]
 
 
 def read_form(path: Path, channel: int | None = None, rate: float | None = None) -> ScopeCsv:
@@ -177,41 +190,43 @@ def read_form(path: Path, channel: int | None = None, rate: float | None = None)
     if channel is not None and not 1 <= channel <= len(voltages):
         raise ExperimentError(f"{path}: there is no channel {channel}; it has {len(voltages)}, numbered from 1")
     column = voltages[(channel or 1) - 1]
-    scale, clock, interval = _scale(path, header, delimiter, column), None, stated
+    scale, clock, spacing = _unit(path, lines, first, delimiter, column, "voltage"), None, math.nan
     if has_time and not is_numbered and rate is None:
-        clock = _clock(path, header, delimiter, places[0])
+        clock = _unit(path, lines, first, delimiter, places[0], "time")
         rows = (_split(line, delimiter) for line in lines[first : first + _TYPICAL])
         found = [_number(one[places[0]], delimiter) for one in rows if len(one) > places[0]]
-        interval = _interval(path, clock * np.array([time for time in found if time is not None]), stated)
-    return ScopeCsv(path, _codec(encoding), delimiter, first, places, column, interval, scale, clock)
+        spacing = _spacing(path, clock * np.array([time for time in found if time is not None]), stated)
+    interval = spacing if stated is None and clock is not None else stated
+    return ScopeCsv(path, _codec(encoding), delimiter, first, places, column, interval, scale, clock, spacing)
 
 
-def _scale(path: Path, header: list[str], delimiter: str, column: int) -> float:
-    """Voltage [V] of 1 in a column, by the units above it."""
-    units = _units(header, delimiter, column)
-    if strange := [unit for unit in units if unit in _NO_VOLTS]:
-        raise ExperimentError(f"{path}: its samples are in {strange[0]}, not in V; export the voltage over R_a")
-    return next((_VOLTS[unit] for unit in units if unit in _VOLTS), 1.0)
+def _unit(path: Path, lines: list[str], first: int, delimiter: str, column: int, kind: str) -> float:
+    """SI value of the number 1 in a column of times or voltages, by its label or by a line on units; 1 without these.
 
-
-def _clock(path: Path, header: list[str], delimiter: str, column: int) -> float:
-    """Time [s] of 1 in a column, by the units above it."""
-    units = _units(header, delimiter, column)
-    if strange := [unit for unit in units if unit in _FREQUENCIES]:
-        raise ExperimentError(f"{path}: is a spectrum, against {strange[0]}; export the voltage against time")
-    return next((_TIMES[unit] for unit in units if unit in _TIMES), 1.0)
-
-
-def _units(header: list[str], delimiter: str, column: int) -> list[str]:
-    """What may be the unit of a column, in small letters: what its labels have in brackets, or else they; last first.
-
-    A letter alone may be the name of a channel, unless it is that of volts or seconds.
+    lines: of the file; first: the first sample's, from 0. Tektronix writes units beside the first samples.
     """
-    rows = [_split(line, delimiter) for line in reversed(header)]
-    labels = [row[column].casefold().replace("\u03bc", "µ") for row in rows if len(row) > column]
-    in_brackets = [_BRACKETS.fullmatch(label) for label in labels]
-    units = [found[1] if found else label for label, found in zip(labels, in_brackets, strict=True)]
-    return [unit for unit, label in zip(units, labels, strict=True) if len(label) > 1 or label in "sv"]
+    stated = [found for line in lines[: first + _FACTS] if (found := _STATED_UNITS.match(line))]
+    words = [found[2] for found in stated if (found[1].casefold() == "horizontal") == (kind == "time")]
+    rows = [row for line in lines[:first] if len(row := _split_labels(line, delimiter)) > column and row[column]]
+    label = rows[-1][column] if rows else ""
+    in_brackets = _BRACKETS.findall(label)
+    for word in (*in_brackets, *_LAST_WORD.findall(label), label, *words):
+        small = word.casefold().replace("\u03bc", "µ")
+        if found := _UNITS[kind].fullmatch(small):
+            return _PREFIXES[found[1]]
+        is_unit = word in words or len(word) > 1  # A alone may be the name of a channel
+        if is_unit and any(unit.fullmatch(small) for unit in _UNITS.values()):
+            raise ExperimentError(f"{path}: has {word!r} where a {kind} should be; export the voltage against time")
+    if kind == "time" and (unknown := [word for word in in_brackets if word.isalpha()]):
+        raise ExperimentError(f"{path}: its times are in {unknown[0]!r}, an unknown unit; give --rate, as 2.5e9")
+    return 1.0
+
+
+def _split_labels(line: str, delimiter: str) -> list[str]:
+    """Labels of a header line; none where it has a number. Between spaces, a unit in brackets belongs to its label."""
+    line = line.strip("#% \t\r\n")
+    labels = _split(line, delimiter) if delimiter else re.split(r"\s+(?![\[(])", line)
+    return [] if any(_number(label, delimiter) is not None for label in labels) else labels
 
 
 def _find_samples(path: Path, lines: list[str]) -> tuple[str, tuple[int, ...], int]:
@@ -267,22 +282,20 @@ def _stated_interval(lines: list[str], delimiter: str) -> tuple[float | None, bo
     return None, False
 
 
-def _interval(path: Path, times: np.ndarray, stated: float | None) -> float:
-    """The sampling interval [s] of times (T,); the stated one if they agree with it on average."""
+def _spacing(path: Path, times: np.ndarray, stated: float | None) -> float:
+    """Time from sample to sample [s] of times (T,), which may have few digits and repeat."""
     steps = np.diff(times) if np.isfinite(times).all() else np.zeros(0)
-    mean = float(steps.mean()) if len(steps) else 0.0
-    if mean <= 0.0 or (steps < 0.0).any():
+    changes = np.flatnonzero(steps) + 1
+    if (steps < 0.0).any() or not len(changes):
         raise ExperimentError(f"{path}: its times do not grow; give --rate, as 2.5e9")
-    if stated is not None:
-        if abs(mean / stated - 1.0) > _UNEVEN:
-            raise ExperimentError(
-                f"{path}: states {stated:g} s between samples, but its times are {mean:g} s apart; give --rate, as"
-                " 2.5e9"
-            )
-        return stated
-    if np.abs(steps / mean - 1.0).max() > _UNEVEN and (steps > 0.0).all():  # rounded times repeat
-        raise ExperimentError(f"{path}: not evenly sampled, or its times are rounded; give --rate, as 2.5e9")
-    return mean
+    if len(changes) < 2:
+        raise ExperimentError(f"{path}: its times are rounded too much; give --rate, as 2.5e9")
+    found = float((times[changes[-1]] - times[changes[0]]) / (changes[-1] - changes[0]))
+    if stated is not None and abs(found / stated - 1.0) > _UNEVEN:
+        raise ExperimentError(
+            f"{path}: states {stated:g} s between samples, but its times are {found:g} s apart; give --rate, as 2.5e9"
+        )
+    return found
 
 
 def _labels(header: list[str], delimiter: str, places: tuple[int, ...]) -> Iterator[str]:

@@ -124,44 +124,69 @@ def test_a_long_file_is_read_whole(tmp_path):
     assert read(path, RATE)[0] == pytest.approx(long, abs=1e-12)
 
 
-@pytest.mark.parametrize("lost", [40, 99_000])
-def test_a_gap_is_refused_wherever_it_is(tmp_path, lost):
+@pytest.mark.parametrize("lost", [20, 99_000])
+@pytest.mark.parametrize("rows", [3000, 150_000])
+def test_a_gap_is_refused_wherever_it_is(tmp_path, rows, lost):
     """Samples are missing behind the rows from which the rate is taken; also where a file is read in pieces."""
-    for rows in (3000, 150_000):
-        times, path = np.arange(rows + 2000.0) / RATE, tmp_path / "gap.csv"
-        times[rows:] += lost / RATE
-        path.write_text("\n".join(["Time(s),CH1V", *columns(times, np.zeros(len(times)))]))
-        with pytest.raises(ExperimentError, match="as at a gap or another segment"):
-            read(path, None)
-        assert len(read(path, RATE)[0]) == len(times)  # a user who states the rate knows better
+    times, path = np.arange(rows + 2000.0) / RATE, tmp_path / "gap.csv"
+    times[rows:] += lost / RATE
+    path.write_text("\n".join(["Time(s),CH1V", *columns(times, np.zeros(len(times)))]))
+    with pytest.raises(ExperimentError, match="as at a gap or another segment"):
+        read(path, None)
+    assert len(read(path, RATE)[0]) == len(times)  # a user who states the rate knows better
 
 
-def test_times_with_few_digits_are_no_gap(tmp_path):
-    """Six digits: beyond 1 ms the times are 25 samples of 0.4 ns apart."""
-    times, path = 9.9e-4 + np.arange(60_000) * 4e-10, tmp_path / "rounded.csv"
+@pytest.mark.parametrize("start", [0.0, 9.9e-4, 9.98313e-3])
+@pytest.mark.parametrize("interval", [3e-10, 4e-10, 1e-9])
+def test_times_with_few_digits_are_no_gap(tmp_path, start, interval):
+    """Six digits: beyond 1 ms the times are tens of samples apart, ten times more beyond 10 ms."""
+    times, path = start + np.arange(60_000) * interval, tmp_path / "rounded.csv"
     path.write_text("\n".join(["Time(s),CH1V", *(f"{t:.5e},0.5" for t in times)]))
     volts, rate = read(path, None)
-    assert len(volts) == len(times) and rate == pytest.approx(2.5e9, rel=0.01)
+    assert len(volts) == len(times) and rate == pytest.approx(1.0 / interval, rel=3e-3)
 
 
 @pytest.mark.parametrize(
-    ("labels", "scale"),
-    [("Time (ms),CH1 (mV)", 1e-3), ("t [s],U [V]", 1.0), ("s,V", 1.0), ("Time,A", 1.0), ("Second,Volt", 1.0)],
+    ("head", "separator", "scale", "clock"),
+    [
+        ("Time (ms),CH1 (mV)", ",", 1e-3, 1e-3),
+        ("t/ms,U/mV", ",", 1e-3, 1e-3),
+        ("Time_us,CH1_mV", ",", 1e-3, 1e-6),
+        ("in s,C1 in V", ",", 1.0, 1.0),
+        ('"Time, ms";"CH1, mV"', ";", 1e-3, 1e-3),
+        ("Time (msec);CH1 (mV) (X10)", ";", 1e-3, 1e-3),
+        ("# Time (ms)  CH1 (mV)", "  ", 1e-3, 1e-3),
+        ("Delay (ms),0\nTime,CH1", ",", 1.0, 1.0),
+        ("Bandwidth limit (MHz),20\nTime (s),CH1 (V)", ",", 1.0, 1.0),
+        ("# a comment,Gain (dB)\nTime,Amp", ",", 1.0, 1.0),
+        ("Time,Channel (A)\n(ms),(mV)", ",", 1e-3, 1e-3),
+        ("Time,A", ",", 1.0, 1.0),
+    ],
 )
-def test_units_of_voltages_count(tmp_path, labels, scale):
+def test_units_beside_the_samples_count_and_no_others(tmp_path, head, separator, scale, clock):
     path = tmp_path / "t.csv"
-    path.write_text("\n".join([labels, *columns(TIMES, VOLTS)]))
+    path.write_text("\n".join([head, *columns(TIMES, VOLTS, separator=separator)]))
     volts, rate = read(path, None)
     assert volts == pytest.approx(scale * VOLTS)
-    assert rate == pytest.approx(RATE / (1e-3 if "ms" in labels else 1.0), rel=1e-4)
+    assert rate == pytest.approx(RATE / clock, rel=1e-4)
+
+
+def test_a_single_column_has_a_unit_too(tmp_path):
+    path = tmp_path / "t.csv"
+    path.write_text("\n".join(["CH1 (mV)", *map(str, VOLTS)]))
+    assert read(path, RATE)[0] == pytest.approx(1e-3 * VOLTS)
 
 
 @pytest.mark.parametrize(
     ("lines", "said"),
     [
-        (["Frequency,Channel A", "(MHz),(dBu)", *columns(TIMES, VOLTS)], "samples are in dbu, not in V"),
-        (["Hz,V", *columns(TIMES, VOLTS)], "is a spectrum, against hz"),
-        (["Time (s),CH2 (A)", *columns(TIMES, VOLTS)], "samples are in a, not in V"),
+        (["Frequency,Channel A", "(MHz),(dBu)", *columns(TIMES, VOLTS)], "has 'dBu' where a voltage should be"),
+        (["Hz,V", *columns(TIMES, VOLTS)], "has 'Hz' where a time should be"),
+        (["in s,C2 in mA", *columns(TIMES, VOLTS)], "has 'mA' where a voltage should be"),
+        ([line.replace("Units,V", "Units,A") for line in tektronix_tds()], "has 'A' where a voltage should be"),
+        (["Time (min),CH1", *columns(TIMES, VOLTS)], "times are in 'min', an unknown unit; give --rate"),
+        (["Time,A", "(ms),(mV)", *columns(TIMES, VOLTS)[:200], "0.05,∞"], "is no sample; the voltage was out of range"),
+        (["t,V", *(f"{k // 1500},1" for k in range(4000))], "rounded too much; give --rate"),
         ([], "no line of numbers"),
         (["Model,DPO4104", "TIME,CH1"], "no line of numbers"),
         ([line.replace("Segments,1", "Segments,3") for line in lecroy()], "holds 3 segments"),
