@@ -74,19 +74,18 @@ def read_columns(path: Path, known: Mapping[str, Column]) -> Columns:
     return Columns(found, hashlib.sha256(data).hexdigest())
 
 
-def name_of(label: str) -> str:
-    """The name in a label with or without a unit.
+def name_and_unit(label: str) -> tuple[str, str | None]:
+    """The name in a label, in small letters, and its unit if it states one.
 
-    >>> name_of("v1 [m/s]")
-    'v1'
+    >>> name_and_unit("V1 [m/s]")
+    ('v1', 'm/s')
     """
     match = _LABEL.fullmatch(label)
-    return match[1].strip() if match else label
+    return (match[1].strip().casefold(), match[2]) if match else (label, None)
 
 
 def _column(at: str, label: str, known: Mapping[str, Column], example: str) -> tuple[str, float]:
-    match = _LABEL.fullmatch(label)
-    name, unit = name_of(label), match[2] if match else None
+    name, unit = name_and_unit(label)
     if name not in known:
         raise ExperimentError(f"{at}: {unknown_key('column', name[:40], known)}; expected a header line like {example}")
     units = known[name].units

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 from identification.experiment.recording import Recording
 from identification.experiment.table_reader import read_table
 from identification.storage.files import ExperimentError
+
+#: Options of `cradle new` in messages of `read_table`.
+_OPTION = re.compile(r" --(time|bob|unit|run|rate)\b")
 
 
 def read_motion(path: Path) -> tuple[Recording, tuple[str, ...]]:
@@ -17,7 +21,8 @@ def read_motion(path: Path) -> tuple[Recording, tuple[str, ...]]:
     try:
         table = read_table(path)
     except ExperimentError as problem:
-        if " --" not in str(problem):
+        if not _OPTION.search(str(problem)):
             raise
-        raise ExperimentError(f"{problem}; `cradle new` has this option, and writes a CSV to be named here") from None
-    return table.recording, () if table.strict else tuple(f"{path.name}: {line}." for line in table.understood)
+        raise ExperimentError(f"{problem}; `cradle new` has these options: measure the CSV that it writes") from None
+    lines = [line for line in table.understood if line != "..."]
+    return table.recording, () if table.strict else tuple(f"{path.name}: {line}." for line in lines)

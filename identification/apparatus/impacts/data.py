@@ -10,10 +10,11 @@ from pathlib import Path
 import numpy as np
 
 from cradle_env.cradle import Cradle
-from identification.apparatus.columns import SPEEDS, TIMES, Column, Columns, digest_of, name_of, read_columns
+from identification.apparatus.columns import SPEEDS, TIMES, Column, Columns, digest_of, name_and_unit, read_columns
 from identification.apparatus.impacts.flights import speeds_of
 from identification.apparatus.recordings import read_motion
-from identification.experiment.recording import find_delimiter, is_content, split_header
+from identification.experiment.column_meaning import parse_label
+from identification.experiment.recording import Recording, find_delimiter, is_content, split_header
 from identification.experiment.text_encoding import decode
 from identification.experiment.zipped_table import is_zip
 from identification.storage.files import ExperimentError, read_bytes
@@ -28,6 +29,10 @@ _KNOWN = {
     "duration": _TIME,
     "duration_sd": _TIME,
 }
+_EXPECTED = (
+    "neither speeds nor durations; the header names v1 [m/s],v3 [m/s] (the last of three bobs), or"
+    " v [m/s],duration [us], or theta_1 [rad], theta_2 [rad], … of a recording"
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,8 +67,9 @@ def read_impacts(
         raise ValueError("no file is given; name a table of speeds, of durations, or a recording of the bobs")
     passed, durations, remarks, digests = [], [], [], []
     for path in map(Path, paths):
-        if not _is_table(path):
-            recording, understood = read_motion(path)
+        labels = _labels(path)
+        if any(map(parse_label, labels)) or not any(name_and_unit(label)[0] in _KNOWN for label in labels):
+            recording, understood = _read_recording(path, labels)
             remarks += understood
             before, before_sd, after, after_sd = speeds_of(recording, cradle)
             values = (np.array([value]) for value in (before, before_sd, after, after_sd))
@@ -81,21 +87,25 @@ def read_impacts(
             rows = np.column_stack([_column(columns, name) for name in ("v", "v_sd", "duration", "duration_sd")])
             durations.append(Durations(str(path), *_checked(path, rows, ("v", "duration")).T))
         else:
-            raise ExperimentError(
-                f"{path}: neither speeds nor durations; the header names v1 [m/s],v3 [m/s] (the last of three bobs),"
-                " or v [m/s],duration [us], or theta_1 [rad], theta_2 [rad], … of a recording"
-            )
+            raise ExperimentError(f"{path}: {_EXPECTED}")
     return passed, durations, remarks, digest_of(digests)
 
 
-def _is_table(path: Path) -> bool:
-    """Whether a file has a column of a table of speeds or durations; else it is a recording."""
+def _labels(path: Path) -> list[str]:
+    """Those of the first line with content; none of a ZIP file."""
     data = read_bytes(path)
-    if is_zip(data):
-        return False
-    text, _ = decode(str(path), data)
+    text = "" if is_zip(data) else decode(str(path), data)[0]
     header = next((line for line in text.split("\n") if is_content(line)), "")
-    return any(name_of(label) in _KNOWN for label in split_header(header, find_delimiter(header)))
+    return split_header(header, find_delimiter(header))
+
+
+def _read_recording(path: Path, labels: Sequence[str]) -> tuple[Recording, tuple[str, ...]]:
+    try:
+        return read_motion(path)
+    except ExperimentError:
+        if any(labels) and not any(map(parse_label, labels)):
+            raise ExperimentError(f"{path}: {_EXPECTED}") from None
+        raise
 
 
 def _column(columns: Columns, name: str) -> np.ndarray:

@@ -145,6 +145,9 @@ def test_the_command_writes_what_it_found(tmp_path, truth, capsys):
     [
         ("", "empty"),
         ("v1 [m/s]\n1\n", "neither speeds nor durations"),
+        ("speed 1,speed 3\n1,1\n", "neither speeds nor durations"),
+        ("V1 (m/s),V3 (m/s)\n1,-1\n", "greater than 0"),
+        ("t,theta_1,theta_2,v1\n0,0,0,1\n1,0,0,1\n", "no end bob is lifted"),
         ("v1 [m/s],v3 [km/h]\n1,1\n", "unknown unit"),
         ("v1,v3\n1,-1\n", "greater than 0"),
         ("v1,v3\n1,\n", "no row with both"),

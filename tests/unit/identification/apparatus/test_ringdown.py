@@ -145,7 +145,7 @@ def test_the_command_writes_a_page_a_picture_and_numbers(tmp_path, capsys):
     [
         ("", "empty"),
         ("t [s],theta_1 [rad]\n", "no rows"),
-        ("t [s],speed\n0,1\n1,2\n", "`cradle new` has this option"),
+        ("t [s],speed\n0,1\n1,2\n", "`cradle new` has these options"),
         ("t [s],theta_1 [rad]\n0,0.1\n0.1,x\n", "not a number"),
         ("t [s],theta_1 [rad]\n0,0.1\n0.1,0.2\n0.2,0.1\n0.3,0\n", "lasts 0.3 s"),
         ("t [s],theta_1 [rad]\n" + "".join(f"{k / 10},0.1\n" for k in range(200)), "do not move"),
