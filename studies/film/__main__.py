@@ -52,13 +52,12 @@ def main() -> int:
     parser.add_argument("--films", type=int, default=200, help="how many; 0: results.md alone")
     parser.add_argument("--first", type=int, default=1310, help="number of the first; earlier ones served development")
     asked = parser.parse_args()
-    code = committed_code(HERE)
     done = {row["film"] for row in read_rows(KEPT)}
     for number in range(asked.first, asked.first + asked.films):
         if number in done:
             continue
         with tempfile.TemporaryDirectory() as folder:
-            row = {**measure(number, Path(folder)), "code": code}
+            row = {**measure(number, Path(folder)), "code": committed_code(HERE)}
         with KEPT.open("a", encoding="utf-8") as file:
             file.write(json.dumps(row) + "\n")
         print(f"film {number}: {len(read_rows(KEPT))} kept", file=sys.stderr, flush=True)
