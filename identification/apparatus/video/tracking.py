@@ -111,7 +111,7 @@ def identified(table: np.ndarray, times: np.ndarray, radius: float) -> np.ndarra
     of a frame that would be the same bob.
     """
     places = table[..., :2]
-    full = np.isfinite(places).all(axis=(1, 2))
+    full = np.array(np.isfinite(places).all(axis=(1, 2)))
     both = full[1:] & full[:-1]
     steps = np.linalg.norm(np.diff(places, axis=0), axis=-1) / np.diff(times)[:, None]
     fastest = np.quantile(steps[both], _FASTEST) if both.any() else np.inf
