@@ -34,6 +34,8 @@ HERE = Path(__file__).parent
 ROWS, PAGE = HERE / "calibrations.jsonl", HERE / "calibrations.md"
 #: Films shorter than some swings, and those of more bobs, which take an hour, are left out.
 _SHORTEST, _MOST_BOBS = 8.0, 3
+#: Films whose κ was found 6 to 27 % off; they showed that the search for κ was too narrow.
+LOOKED_AT = frozenset([1167, 1177, 1276])
 #: Draws of the normal approximation of the posterior.
 _DRAWS = 2000
 _NAMES = ("k_f", "kappa", "b")
@@ -70,27 +72,32 @@ def calibrate_film(number: int, folder: Path) -> dict[str, Any] | None:
 def page(rows: Sequence[dict[str, Any]]) -> str:
     """calibrations.md."""
     latest = list({row["film"]: row for row in rows}.values())
+    unseen = [row for row in latest if row["film"] not in LOOKED_AT]
     lines = [
         "# How well a film calibrates a cradle",
         "",
         "`python -m studies.film.calibrations`. Films as in results.md, of cradles of 1 to 3 bobs that the",
         "soft-contact reference moves, for 8 to 20 s. `measure_video` writes the experiment, whose posterior is",
-        "approximated by a normal distribution about its mode. Nothing was chosen by looking at these films.",
-        "Parentheses hold 95 % intervals by Clopper and Pearson. Of each film, the last code counts.",
+        "approximated by a normal distribution about its mode. Parentheses hold 95 % intervals by Clopper and Pearson.",
+        f"Of each film, the last code counts. Films {', '.join(map(str, sorted(LOOKED_AT)))} showed that the search",
+        "for κ was too narrow. The first table leaves them out; nobody looked at the others.",
         "",
         "| | inside the 95 % interval (90–99 %) | RMS error over its sd | median sd over the value |",
         "|---|---|---|---|",
     ]
     for name in _NAMES:
-        some = _found(latest, name)
+        some = _found(unseen, name)
         z = [(found["median"] - true) / found["sd"] for true, found in some]
         wide = [found["sd"] / true for true, found in some]
         told = (f"{np.sqrt(np.mean(np.square(z))):.2f}", f"{np.median(wide):.2g}") if some else ("–", "–")
-        lines.append(f"| {name} | {_inside(latest, name)} | {told[0]} | {told[1]} |")
+        lines.append(f"| {name} | {_inside(unseen, name)} | {told[0]} | {told[1]} |")
     refused = [row for row in latest if "refused" in row]
     lines += ["", f"Refused: {len(refused)} of {len(latest)}.", ""]
     lines += [*(f"- film {row['film']}: {row['refused']}" for row in refused), ""] if refused else []
-    lines += ["Inside the 95 % interval, by each code that calibrated from these films, the last one last:", ""]
+    lines += [
+        "Inside the 95 % interval, by each code that calibrated from films, the last one last:",
+        "",
+    ]
     lines += ["| code | N | k_f | κ | b |", "|---|---|---|---|---|"]
     for code, bobs in dict.fromkeys((row["code"], row["bobs"]) for row in sorted(rows, key=lambda row: row["bobs"])):
         some = [row for row in rows if (row["code"], row["bobs"]) == (code, bobs)]
