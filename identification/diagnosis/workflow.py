@@ -7,7 +7,7 @@ from pathlib import Path
 
 from identification.diagnosis.criteria import DEFAULT_CRITERIA, Criteria
 from identification.diagnosis.data_checks.instrument_faults import check_instrument_faults
-from identification.diagnosis.data_checks.readings import check_readings
+from identification.diagnosis.data_checks.readings import check_readings, without_clicks
 from identification.diagnosis.data_checks.run_consistency import check_run_consistency
 from identification.diagnosis.next_experiment.expected_information import Advice, advise, advise_on_lambda
 from identification.diagnosis.repair import RepairResult, repair
@@ -59,7 +59,7 @@ def diagnose(
     Raises
     ------
     ValueError
-        If the readings are too few, in a wrong unit, or hold a fault of the instrument.
+        If the readings are too few, in a wrong unit, of clicks alone, or hold a fault of the instrument.
 
     Examples
     --------
@@ -76,11 +76,12 @@ def diagnose(
     'nothing_missing'
     """
     progress = progress or (lambda *_: None)
+    experiment, left_out = without_clicks(experiment)
     estimated = tuple(run.noise is None for run in experiment.runs)
     known = with_known_noise(experiment)
     store = FitCache.of(out, experiment, seed)
     searcher = Searcher(store, seed, workers, criteria)
-    warnings = check_readings(known, criteria)
+    warnings = (*left_out, *check_readings(known, criteria))
     progress("search", 0.0, "the model as given")
     given = searcher.fit_global(known, progress)
     progress("check", 0.0, "runs and instrument")

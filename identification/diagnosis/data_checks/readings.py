@@ -7,6 +7,7 @@ so small that their unit is in doubt.
 
 from __future__ import annotations
 
+import dataclasses
 import math
 
 import numpy as np
@@ -23,6 +24,19 @@ from identification.inference.likelihood import Likelihood
 _MIN_UNKNOWNS = 10
 #: Largest angle [rad] of readings in degrees from which their unit is believed: no cradle swings less than 0.6 degrees.
 _MIN_SWING = 0.01
+
+
+def without_clicks(experiment: Experiment) -> tuple[Experiment, tuple[str, ...]]:
+    """The runs of angles and displacements, and a warning for each run of clicks that is left out.
+
+    An experiment of clicks alone is returned as it is; `check_readings` refuses it.
+    """
+    clicks = [run for run in experiment.runs if run.of_impacts]
+    runs = tuple(run for run in experiment.runs if not run.of_impacts)
+    if not clicks or not runs:
+        return experiment, ()
+    left_out = tuple(f"{run.file}: clicks are left out; a diagnosis is of angles and displacements" for run in clicks)
+    return dataclasses.replace(experiment, runs=runs).with_source(experiment.digest), left_out
 
 
 def check_readings(experiment: Experiment, criteria: Criteria = DEFAULT_CRITERIA) -> tuple[str, ...]:

@@ -1,5 +1,6 @@
 """Clicks against predicted impacts: the density is that of missed, heard and false clicks over all ways to match."""
 
+import dataclasses
 import itertools
 import math
 
@@ -8,7 +9,8 @@ import pytest
 from scipy.stats import norm
 
 from cradle_env import Cradle, Release, simulate
-from identification.diagnosis.data_checks.readings import check_readings
+from identification import diagnose
+from identification.diagnosis.data_checks.readings import check_readings, without_clicks
 from identification.experiment.experiment import Experiment, ExperimentError
 from identification.experiment.scaffold import scaffold
 from identification.inference.click_likelihood import GATE, log_density, release_instant
@@ -112,8 +114,36 @@ def test_what_clicks_cannot_be_is_refused(change, words):
 
 
 def test_a_diagnosis_of_clicks_is_refused():
+    experiment = experiment_of(heard()[0])
+    assert without_clicks(experiment) == (experiment, ())
     with pytest.raises(ValueError, match="needs angles or displacements"):
-        check_readings(experiment_of(heard()[0]))
+        check_readings(experiment)
+
+
+def seen_and_heard():
+    """(angles of 12 s, the same beside clicks)."""
+    clicks, cradle = heard()
+    run = simulate(cradle, Release(angle=0.228), duration=12.0, sample_rate=60.0)
+    theta = run.theta + 1e-3 * np.random.default_rng(1).standard_normal(run.theta.shape)
+    seen = Experiment.from_arrays(cradle, run.t, theta, Release(angle=0.228), noise=1e-3)
+    return seen, dataclasses.replace(seen, runs=(*experiment_of(clicks).runs, *seen.runs))
+
+
+def test_clicks_beside_angles_are_left_out_of_a_diagnosis():
+    seen, both = seen_and_heard()
+    kept, warnings = without_clicks(both)
+    assert [run.file for run in kept.runs] == [run.file for run in seen.runs]
+    assert len(warnings) == 1 and "clicks.csv: clicks are left out" in warnings[0]
+    assert kept.digest == both.digest  # results are of the files as given
+
+
+@pytest.mark.slow
+def test_a_diagnosis_leaves_clicks_out_and_says_so(tmp_path):
+    seen, both = seen_and_heard()
+    diagnosis = diagnose(both)
+    assert diagnosis.verdict == diagnose(seen).verdict == "nothing_missing"
+    diagnosis.report(tmp_path / "report.html")
+    assert "clicks are left out" in (tmp_path / "report.html").read_text(encoding="utf-8")
 
 
 def test_new_writes_an_experiment_of_clicks(tmp_path):
