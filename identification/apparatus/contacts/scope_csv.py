@@ -36,6 +36,8 @@ _HEAD, _TEXT = 1 << 20, 1 << 22
 _TYPICAL, _FACTS = 2000, 40
 #: Departure of the sampling interval from the mean, or from the stated one, from which on the times are wrong.
 _UNEVEN = 0.01
+#: Longest step of the first times over the shortest, unless times repeat.
+_LONGER = 1.5
 #: Times that are alike in a row, at most.
 _MOST_ALIKE = 1 << 20
 _NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
@@ -290,6 +292,8 @@ def _spacing(path: Path, times: np.ndarray, stated: float | None) -> float:
         raise ExperimentError(f"{path}: its times do not grow; give --rate, as 2.5e9")
     if len(changes) < 2:
         raise ExperimentError(f"{path}: its times are rounded too much; give --rate, as 2.5e9")
+    if len(changes) == len(steps) and steps.max() > _LONGER * steps.min():  # times with few digits repeat
+        raise ExperimentError(f"{path}: not evenly sampled, or its times are rounded; give --rate, as 2.5e9")
     found = float((times[changes[-1]] - times[changes[0]]) / (changes[-1] - changes[0]))
     if stated is not None and abs(found / stated - 1.0) > _UNEVEN:
         raise ExperimentError(

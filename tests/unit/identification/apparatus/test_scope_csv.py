@@ -185,7 +185,10 @@ def test_a_single_column_has_a_unit_too(tmp_path):
         (["in s,C2 in mA", *columns(TIMES, VOLTS)], "has 'mA' where a voltage should be"),
         ([line.replace("Units,V", "Units,A") for line in tektronix_tds()], "has 'A' where a voltage should be"),
         (["Time (min),CH1", *columns(TIMES, VOLTS)], "times are in 'min', an unknown unit; give --rate"),
-        (["Time,A", "(ms),(mV)", *columns(TIMES, VOLTS)[:200], "0.05,∞"], "is no sample; the voltage was out of range"),
+        (
+            ["Time,A", "(ms),(mV)", *columns(TIMES, VOLTS)[:200], f"{TIMES[200]:.6e},∞"],
+            "is no sample; the voltage was out of range",
+        ),
         (["t,V", *(f"{k // 1500},1" for k in range(4000))], "rounded too much; give --rate"),
         ([], "no line of numbers"),
         (["Model,DPO4104", "TIME,CH1"], "no line of numbers"),
