@@ -94,10 +94,7 @@ def page(rows: Sequence[dict[str, Any]]) -> str:
     refused = [row for row in latest if "refused" in row]
     lines += ["", f"Refused: {len(refused)} of {len(latest)}.", ""]
     lines += [*(f"- film {row['film']}: {row['refused']}" for row in refused), ""] if refused else []
-    lines += [
-        "Inside the 95 % interval, by each code that calibrated from films, the last one last:",
-        "",
-    ]
+    lines += ["Inside the 95 % interval, by each code that calibrated from films, the last one last:", ""]
     lines += ["| code | N | k_f | κ | b |", "|---|---|---|---|---|"]
     for code, bobs in dict.fromkeys((row["code"], row["bobs"]) for row in sorted(rows, key=lambda row: row["bobs"])):
         some = [row for row in rows if (row["code"], row["bobs"]) == (code, bobs)]

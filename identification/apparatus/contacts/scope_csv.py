@@ -43,7 +43,8 @@ _MOST_ALIKE = 1 << 20
 _NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
 _INTERVAL = re.compile(rf"\"?sample interval\"?\W+(?:analog\W+)?({_NUMBER})", re.IGNORECASE)
 #: Units in small letters: a prefix, and what is measured. Prefixes of frequencies and levels do not matter.
-_PREFIXES = {"p": 1e-12, "n": 1e-9, "u": 1e-6, "µ": 1e-6, "m": 1e-3, "": 1.0, "k": 1e3} | {
+_PREFIXES = {
+    "p": 1e-12, "n": 1e-9, "u": 1e-6, "µ": 1e-6, "m": 1e-3, "": 1.0, "k": 1e3,
     "pico": 1e-12, "nano": 1e-9, "micro": 1e-6, "milli": 1e-3, "kilo": 1e3,
 }  # fmt: skip
 _MEASURED = {
@@ -180,8 +181,8 @@ def read_form(path: Path, channel: int | None = None, rate: float | None = None)
     segments = next((int(found[1]) for line in header if (found := _SEGMENTS.match(line))), 1)
     if segments > 1:
         raise ExperimentError(f"{path}: holds {segments} segments; export one segment in a file")
-    has_time = len(places) > 1
     stated, is_numbered = _stated_interval(lines[: first + 1], delimiter)
+    has_time = len(places) > 1
     voltages = places[1:] if has_time else places
     if channel is None and len(voltages) > 1:
         names = ", ".join(_labels(header, delimiter, voltages))
