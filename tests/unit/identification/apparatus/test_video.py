@@ -77,6 +77,12 @@ def test_other_containers_and_codecs(tmp_path, name, codec):
     assert rms(errors) < CENTRES and not np.isnan(errors).any()
 
 
+def test_an_avi_of_960_frames_per_second_has_all_its_times(tmp_path):
+    make(tmp_path / "film.avi", Case(2, duration=0.05, held=0.01, camera=Camera(rate=960.0), codec="mjpeg"))
+    times = [time for time, _ in Film(tmp_path / "film.avi").gray()]
+    assert times == pytest.approx(np.arange(48) / 960.0, abs=1e-6)
+
+
 def test_a_bob_that_is_hidden_is_missing_and_nobody_takes_its_place(tmp_path):
     errors = tracked(tmp_path, Case(3, {3: 0.2}, duration=2.0, hidden=(1.0, 1.5, 1)))
     missing = np.isnan(errors[..., 0])
