@@ -54,8 +54,8 @@ def find_mode(
     """Find the best mode of a posterior.
 
     1. Compute χ² of the early data at random points of the search box.
-    2. Refine the best points of all, and of each slice of κ, on the early data, and the best of these on longer and
-       longer early data.
+    2. Refine the best points of all, and of each slice of κ, on the early data, and the best distinct modes of these on
+       longer and longer early data.
     3. Refine the best distinct modes on all data.
     4. Try neighbouring values of κ around the best one, and refine it once more.
     5. Where errors of readings repeat, refine it with this tracking noise.
@@ -68,7 +68,7 @@ def find_mode(
     rng = np.random.default_rng(seed)
     stages = [
         Likelihood(likelihood.experiment, early_rows(likelihood, periods), likelihood.workers, likelihood.parameters)
-        for periods in options.early_periods
+        for periods in _early_lengths(likelihood, options)
     ]
     width = np.array([u.search for u in likelihood.unknowns])
     starts = likelihood.start() + width * rng.uniform(-1.0, 1.0, (options.draws, len(width)))
@@ -77,23 +77,17 @@ def find_mode(
     report("search", 0.0, f"{options.draws} points")
     costs = np.array(in_threads(lambda z: cost(stages[0], z), list(starts), likelihood.workers))
     chosen = [starts[i] for i in _choose_starts(likelihood, starts, costs, options)]
-    parts = len(chosen) + sum(options.early_modes) + options.finished_modes + 2
-    refined, done = [], 0
-    for early, kept in zip(stages, (*options.early_modes, 0), strict=True):
+    parts = len(chosen) + options.early_modes * (len(stages) - 1) + options.finished_modes + 2
+    done = 0
+    for k, early in enumerate(stages):
         refined = []
         for reached in refine_each(early, chosen, _EARLY_EVALUATIONS, options):
             done += 1
             report("search", done / parts, "refining on the early data")
             refined.append(reached)
-        refined.sort(key=lambda pair: pair[1])
-        chosen = [point for point, _ in refined[:kept]]
-    chosen = _distinct_modes(likelihood, refined, options)[: options.finished_modes]
-    has_impact_order = likelihood.experiment.cradle.bobs >= MIN_BOBS_WITH_IMPACT_ORDER
-    is_doubtful = refined[0][1] > stages[-1].reading_slices()[-1].stop  # χ² above the number of readings
-    if "kappa" in likelihood.names and has_impact_order and is_doubtful:
-        report("search", done / parts, "neighbouring modes of κ on the early data")
-        chosen = [search_close_kappa_modes(stages[-1], point, options) for point in chosen]
-    report("search", (done + 1) / parts, "refining on all data")
+        kept = options.early_modes if k < len(stages) - 1 else options.finished_modes
+        chosen = _distinct_modes(likelihood, refined, options)[:kept]
+    report("search", done / parts, "refining on all data")
     point, least = min(refine_each(likelihood, chosen, _LATE_EVALUATIONS, options), key=lambda pair: pair[1])
     if not math.isfinite(least):
         raise ImpossibleModelError(
@@ -110,10 +104,21 @@ def find_mode(
         likelihood, point = refit(tracked, point, options)
     J = difference_jacobian(likelihood, point, likelihood.residuals(point))
     mode = laplace_approximation(likelihood, point, J)
-    if "kappa" in likelihood.names and not has_impact_order:
+    if "kappa" in likelihood.names and likelihood.experiment.cradle.bobs < MIN_BOBS_WITH_IMPACT_ORDER:
         report("search", 0.93, "other modes of κ that may be right")
         mode = _with_rivals(likelihood, mode, options)
     return likelihood, mode
+
+
+def _early_lengths(likelihood: Likelihood, options: SearchOptions) -> list[float]:
+    """Lengths of the early data [small-angle periods], as long as the next one leaves out a part of the data."""
+    period = likelihood.experiment.cradle.period
+    runs = zip(likelihood.experiment.runs, likelihood.rows, strict=True)
+    longest = max((run.times[rows][-1] - run.fit_from for run, rows in runs if rows.any()), default=0.0) / period
+    lengths = [options.early_periods]
+    while lengths[-1] * options.early_growth < longest:
+        lengths.append(lengths[-1] * options.early_growth)
+    return lengths
 
 
 def _choose_starts(
