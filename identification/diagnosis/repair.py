@@ -155,7 +155,7 @@ def repair(
 
 def _refutation(last: ExaminedModel, law_odds: float) -> str:
     """What refutes names; "" if nothing does."""
-    if law_odds >= last.criteria.equivalent_log_odds:
+    if law_odds > 0.0:
         return "a learned law has more evidence"
     if fails_prediction(last.fitted):
         return "held-out data refute the names"
