@@ -1,6 +1,6 @@
 """Render films of simulated cradles, measure them, and count what is wrong.
 
-    python -m studies.film [--films 200] [--first 1310]
+    python -m studies.film [--films 200] [--first 1310] [--whole]
 
 Each film is drawn by its number. What is found is kept in studies/film/results.jsonl, a line for each film; the same
 command goes on from there. results.md is made of all that is kept.
@@ -15,7 +15,7 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
-from studies.film.draw import FRAMES, draw
+from studies.film.draw import FRAMES, LONGEST, draw
 from studies.film.judge import judge
 from studies.film.made import make
 from studies.film.page import page
@@ -51,10 +51,11 @@ def main() -> int:
     )
     parser.add_argument("--films", type=int, default=200, help="how many; 0: results.md alone")
     parser.add_argument("--first", type=int, default=1310, help="number of the first; earlier ones served development")
+    parser.add_argument("--whole", action="store_true", help=f"only films of {LONGEST:g} s; the others are left out")
     asked = parser.parse_args()
     done = {row["film"] for row in read_rows(KEPT)}
     for number in range(asked.first, asked.first + asked.films):
-        if number in done:
+        if number in done or (asked.whole and draw(number, FRAMES)[0].duration < LONGEST):
             continue
         with tempfile.TemporaryDirectory() as folder:
             row = {**measure(number, Path(folder)), "code": committed_code(HERE)}
