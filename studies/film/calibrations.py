@@ -41,17 +41,22 @@ _DRAWS = 2000
 _NAMES = ("k_f", "kappa", "b")
 
 
+def true_values(number: int) -> dict[str, float]:
+    """k_f, κ and b of the cradle in a film."""
+    rng = np.random.default_rng([40, number])
+    return {
+        "k_f": float(rng.uniform(14e3, 24e3)),
+        "kappa": float(rng.uniform(160.0, 240.0)),
+        "b": float(10 ** rng.uniform(-3.0, -2.3)),
+    }
+
+
 def calibrate_film(number: int, folder: Path) -> dict[str, Any] | None:
     """The row of one film; None of one that is left out."""
     case, ending = draw(number, FRAMES)
     if case.duration < _SHORTEST or case.bobs > _MOST_BOBS:
         return None
-    rng = np.random.default_rng([40, number])
-    truth = {
-        "k_f": float(rng.uniform(14e3, 24e3)),
-        "kappa": float(rng.uniform(160.0, 240.0)),
-        "b": float(10 ** rng.uniform(-3.0, -2.3)),
-    }
+    truth = true_values(number)
     row: dict[str, Any] = {
         "film": number, "code": committed_code(HERE), "bobs": case.bobs, "rate": case.camera.rate, "codec": case.codec,
         "duration": case.duration, "truth": truth,
@@ -63,6 +68,7 @@ def calibrate_film(number: int, folder: Path) -> dict[str, Any] | None:
         likelihood, mode = normal_approximation(Likelihood(measured.experiment))
     except ValueError as problem:
         return row | {"refused": str(problem).replace(str(path), path.name)}
+    rng = np.random.default_rng([40, number, 1])
     points = rng.multivariate_normal(mode.point, mode.covariance, _DRAWS, method="cholesky")
     values = [likelihood.values(point) for point in points]
     known = {name: statistics(np.array([one[name] for one in values])) for name in _NAMES if name in values[0]}

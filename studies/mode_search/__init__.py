@@ -1,0 +1,1 @@
+"""How often a calibration ends in the right mode."""
