@@ -51,8 +51,8 @@ def page(rows: Sequence[dict[str, Any]]) -> str:
         "with blur, noise, glare, a pattern behind, a hand, something that hides a bob, and tilts of about a degree,",
         "through H.264, MPEG-4, MJPEG or VP9. Nobody looked at these films while faults were mended. A film has",
         f"{FRAMES} frames at most: {longest} of {len(tracked)} last 20 s, all together",
-        f"{sum(row['duration'] for row in tracked):.0f} s. Code: {', '.join(codes)}. Intervals are of 95 %; those of",
-        "an RMS are bootstrapped over films.",
+        f"{sum(row['duration'] for row in tracked):.0f} s. From number 1560 on, only films of 20 s were made. Code:",
+        f"{', '.join(codes)}. Intervals are of 95 %; those of an RMS are bootstrapped over films.",
         "",
     ]
     if not tracked:
