@@ -291,7 +291,7 @@ def test_an_interruption_while_sampling_prints_nothing(capfd):
 def test_a_long_run_hears_an_interruption_within_a_second():
     cradle = Cradle(bobs=200, effects={"group_drag": {"slope": 0.1, "range": 0.005}})
     heard = []
-    simulate(Cradle(bobs=2), Release(0.2), 0.1)  # compiled: while kernels load, an interruption can get lost
+    simulate(cradle, Release(0.2), 0.1)  # compiled: while kernels load, an interruption can get lost
     # A job in the background of a shell begins with SIGINT ignored, and hears none.
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
     try:
