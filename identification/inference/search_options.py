@@ -122,7 +122,10 @@ class SearchOptions:
 
     def __post_init__(self) -> None:
         check_range("max_rhat", self.max_rhat, "", 1.0, above=True)
+        check_range("early_periods", self.early_periods, "", 0.0, above=True)
         check_range("early_growth", self.early_growth, "", 1.0, above=True)
+        check_range("early_modes", self.early_modes, "", 1)
+        check_range("finished_modes", self.finished_modes, "", 1)
         for field in dataclasses.fields(self):
             value = getattr(self, field.name)
             if isinstance(value, int | float):

@@ -75,7 +75,10 @@ def test_chains_of_other_options_are_not_resumed(swing, tmp_path):
         {"max_rhat": 1.0},
         {"draws": -1},
         {"adaptation_steps": ()},
+        {"early_periods": 0.0},
         {"early_growth": 1.0},
+        {"early_modes": 0},
+        {"finished_modes": 0},
         {"move_weights": (0.5, 0.5, 0.5)},
     ],
 )
