@@ -112,10 +112,7 @@ def find_mode(
 
 def _early_lengths(likelihood: Likelihood, options: SearchOptions) -> list[float]:
     """Lengths of the early data [small-angle periods], as long as the next one leaves out a part of the data."""
-    period = likelihood.experiment.cradle.period
-    runs = zip(likelihood.experiment.runs, likelihood.rows, strict=True)
-    longest = max((run.times[rows][-1] - run.fit_from for run, rows in runs if rows.any()), default=0.0) / period
-    lengths = [options.early_periods]
+    longest, lengths = longest_run(likelihood), [options.early_periods]
     while lengths[-1] * options.early_growth < longest:
         lengths.append(lengths[-1] * options.early_growth)
     return lengths
@@ -267,6 +264,13 @@ def refit(likelihood: Likelihood, point: np.ndarray, options: SearchOptions = DE
         if all(new > _SETTLED * old for new, old in zip(likelihood.noise_model.weights, before, strict=True)):
             break
     return likelihood, point
+
+
+def longest_run(likelihood: Likelihood) -> float:
+    """Length of the longest run that is fitted [small-angle periods]."""
+    runs = zip(likelihood.experiment.runs, likelihood.rows, strict=True)
+    longest = max((run.times[rows][-1] - run.fit_from for run, rows in runs if rows.any()), default=0.0)
+    return longest / likelihood.experiment.cradle.period
 
 
 def early_rows(likelihood: Likelihood, periods: float) -> list[np.ndarray]:

@@ -25,7 +25,7 @@ from identification.diagnosis.criteria import (
 )
 from identification.inference.least_squares import Misfit, bounds, chi2_scale, cost, difference_jacobian, refine_each
 from identification.inference.likelihood import Likelihood
-from identification.inference.mode_search import early_rows
+from identification.inference.mode_search import early_rows, longest_run
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,12 +57,7 @@ class EarlyMisfit:
 
 def horizons(likelihood: Likelihood) -> list[float]:
     """Numbers of small-angle periods, doubling, as long as they leave out part of the data."""
-    period, found, periods = likelihood.experiment.cradle.period, [], FIRST_PERIODS
-    longest = max(
-        (run.times[rows][-1] - run.fit_from) / period
-        for run, rows in zip(likelihood.experiment.runs, likelihood.rows, strict=True)
-        if rows.any()
-    )
+    longest, found, periods = longest_run(likelihood), [], FIRST_PERIODS
     while periods < LAST_SHARE * longest:
         found.append(periods)
         periods *= 2.0
