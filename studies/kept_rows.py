@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import subprocess
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,12 @@ from scipy.stats import binomtest
 def read_rows(path: Path) -> list[dict[str, Any]]:
     """The rows of a file; none where there is no file."""
     return [json.loads(line) for line in path.read_text(encoding="utf-8").splitlines()] if path.is_file() else []
+
+
+def keep_row(path: Path, row: Mapping[str, Any]) -> None:
+    """Adds a row to a file."""
+    with path.open("a", encoding="utf-8") as file:
+        file.write(json.dumps(row) + "\n")
 
 
 def committed_code(folder: Path) -> str:

@@ -9,7 +9,6 @@ command goes on from there. results.md is made of all that is kept.
 from __future__ import annotations
 
 import argparse
-import json
 import sys
 import tempfile
 from pathlib import Path
@@ -19,7 +18,7 @@ from studies.film.draw import FRAMES, LONGEST, draw
 from studies.film.judge import judge
 from studies.film.made import make
 from studies.film.page import page
-from studies.kept_rows import committed_code, read_rows
+from studies.kept_rows import committed_code, keep_row, read_rows
 
 HERE = Path(__file__).parent
 KEPT = HERE / "results.jsonl"
@@ -59,8 +58,7 @@ def main() -> int:
             continue
         with tempfile.TemporaryDirectory() as folder:
             row = {**measure(number, Path(folder)), "code": committed_code(HERE)}
-        with KEPT.open("a", encoding="utf-8") as file:
-            file.write(json.dumps(row) + "\n")
+        keep_row(KEPT, row)
         print(f"film {number}: {len(read_rows(KEPT))} kept", file=sys.stderr, flush=True)
     (HERE / "results.md").write_text(page(read_rows(KEPT)), encoding="utf-8")
     return 0

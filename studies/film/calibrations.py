@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
-import json
 import sys
 import tempfile
 from collections.abc import Iterator, Sequence
@@ -28,7 +27,7 @@ from identification.inference.statistics import statistics
 from studies.film.draw import FRAMES, draw
 from studies.film.made import make
 from studies.film.page import share
-from studies.kept_rows import committed_code, read_rows
+from studies.kept_rows import committed_code, keep_row, read_rows
 
 HERE = Path(__file__).parent
 ROWS, PAGE = HERE / "calibrations.jsonl", HERE / "calibrations.md"
@@ -140,8 +139,7 @@ def main() -> int:
             row = calibrate_film(number, Path(folder))
         if row is None:
             continue
-        with ROWS.open("a", encoding="utf-8") as file:
-            file.write(json.dumps(row) + "\n")
+        keep_row(ROWS, row)
         print(f"film {number}, {row['bobs']} bobs", file=sys.stderr, flush=True)
     PAGE.write_text(page(read_rows(ROWS)), encoding="utf-8")
     return 0

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
-import json
 import sys
 import tempfile
 from pathlib import Path
@@ -19,7 +18,7 @@ from cradle_env import __version__
 from studies.joint.judge import judge
 from studies.joint.made import ARMS, draw, write
 from studies.joint.page import page
-from studies.kept_rows import read_rows
+from studies.kept_rows import keep_row, read_rows
 
 _HERE = Path(__file__).parent
 _ROWS = _HERE / "results.jsonl"
@@ -43,8 +42,7 @@ def main() -> int:
                 experiment = write(case, Path(folder))
                 found = judge(experiment, case.truth, with_diagnosis=arm == "group drag")
             row = {"version": __version__, **dataclasses.asdict(case), **found}
-            with _ROWS.open("a", encoding="utf-8") as file:
-                file.write(json.dumps(row) + "\n")
+            keep_row(_ROWS, row)
             print(f"{arm} {number}: {len(row['disagreements'])} warnings", file=sys.stderr, flush=True)
     (_HERE / "results.md").write_text(page(read_rows(_ROWS)), encoding="utf-8")
     return 0

@@ -24,7 +24,7 @@ from threadpoolctl import threadpool_limits
 
 from cradle_env import __version__
 from identification.storage.files import write_file, write_json
-from studies.kept_rows import read_rows
+from studies.kept_rows import keep_row, read_rows
 from studies.missing_effect_bench.cases import PUBLIC_CASES, PUBLIC_SEED, public_truths, write
 from studies.missing_effect_bench.entrants import BLIND, ENTRANTS, answer_case, judge_blind
 from studies.missing_effect_bench.page import PAGE, ROWS, page
@@ -109,8 +109,7 @@ def _keep_row(folder: Path, truth: Mapping[str, Any], entrant: str) -> None:
     answer = answer_case(entrant, folder / "cases" / truth["case"], truth["bobs"])
     row: dict[str, Any] = {"case": truth["case"], "entrant": entrant, "version": __version__}
     row |= {"seconds": round(time.process_time() - began, 1), "answer": answer}
-    with ROWS.open("a", encoding="utf-8") as file:
-        file.write(json.dumps(row) + "\n")
+    keep_row(ROWS, row)
     print(f"{truth['case']} {entrant} {row['seconds']} s", file=sys.stderr, flush=True)
 
 

@@ -10,7 +10,6 @@ studies/mode_search/results.jsonl, a line for each cradle and each code; results
 from __future__ import annotations
 
 import argparse
-import json
 import sys
 import tempfile
 from collections.abc import Sequence
@@ -25,7 +24,7 @@ from identification.inference.normal_approximation import normal_approximation
 from studies.film.calibrations import true_values
 from studies.film.draw import FRAMES, draw
 from studies.film.page import share
-from studies.kept_rows import committed_code, read_rows
+from studies.kept_rows import committed_code, keep_row, read_rows
 from tests.reference.laboratory import record, write_experiment
 from tests.reference.soft_contact import SoftCradle
 
@@ -110,8 +109,7 @@ def main() -> int:
             row = calibrate_cradle(number, Path(folder))
         if row is None:
             continue
-        with ROWS.open("a", encoding="utf-8") as file:
-            file.write(json.dumps(row) + "\n")
+        keep_row(ROWS, row)
         print(f"cradle {number}, {row['bobs']} bobs", file=sys.stderr, flush=True)
     PAGE.write_text(page(read_rows(ROWS)), encoding="utf-8")
     return 0

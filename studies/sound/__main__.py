@@ -9,7 +9,6 @@ goes on from there. results.md is made of all that is kept.
 from __future__ import annotations
 
 import argparse
-import json
 import sys
 import tempfile
 from pathlib import Path
@@ -17,19 +16,13 @@ from typing import Any
 
 from cradle_env import __version__
 from identification.apparatus import measure_sound
-from studies.kept_rows import read_rows
+from studies.kept_rows import keep_row, read_rows
 from studies.sound import page
 from studies.sound.compare import compare
 from studies.sound.judge import judge
 from studies.sound.made import draw, write
 
 HERE = Path(__file__).parent
-
-
-def keep(name: str, row: dict[str, Any]) -> None:
-    """Adds a row to a file."""
-    with (HERE / name).open("a", encoding="utf-8") as file:
-        file.write(json.dumps(row) + "\n")
 
 
 def results() -> str:
@@ -62,12 +55,12 @@ def main() -> int:
     done = {row["recording"] for row in read_rows(HERE / "clicks.jsonl")}
     for number in range(asked.recordings):
         if number not in done:
-            keep("clicks.jsonl", listen(number))
+            keep_row(HERE / "clicks.jsonl", listen(number))
             print(f"recording {number}", file=sys.stderr, flush=True)
     done = {row["run"] for row in read_rows(HERE / "calibrations.jsonl")}
     for number in range(asked.calibrations):
         if number not in done:
-            keep("calibrations.jsonl", {"run": number, "version": __version__, **compare(number)})
+            keep_row(HERE / "calibrations.jsonl", {"run": number, "version": __version__, **compare(number)})
             print(f"calibration {number}", file=sys.stderr, flush=True)
     (HERE / "results.md").write_text(results(), encoding="utf-8")
     return 0
