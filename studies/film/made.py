@@ -12,7 +12,7 @@ from studies.film.camera import Camera, film, filmed, write_film
 from tests.reference.soft_contact import SoftCradle, simulate_soft
 
 #: Contacts this much stiffer are as good as instantaneous; see tests/integration/test_reference.py.
-_STIFFENED = 1e6
+STIFFENED = 1e6
 
 
 @dataclass(frozen=True)
@@ -54,7 +54,7 @@ def make(path: Path, case: Case) -> Truth:
     moved = np.maximum(instants - case.held, 0.0)
     unique, where = np.unique(moved, return_inverse=True)
     if case.soft:
-        soft = SoftCradle(case.bobs, delta=case.delta, stiffness_factor=_STIFFENED, **case.truth)
+        soft = SoftCradle(case.bobs, delta=case.delta, stiffness_factor=STIFFENED, **case.truth)
         run = simulate_soft(soft, case.angles, times=unique)
         impacts = np.column_stack([run.contacts["time"], run.contacts["pair"]])
     else:

@@ -21,8 +21,9 @@ import numpy as np
 from identification.experiment.experiment import Experiment
 from identification.inference.likelihood import Likelihood
 from identification.inference.normal_approximation import normal_approximation
-from studies.film.calibrations import true_values
+from studies.film.calibrations import SHORTEST, true_values
 from studies.film.draw import FRAMES, draw
+from studies.film.made import STIFFENED
 from studies.film.page import share
 from studies.kept_rows import committed_code, keep_row, read_rows
 from tests.reference.laboratory import record, write_experiment
@@ -30,10 +31,8 @@ from tests.reference.soft_contact import SoftCradle
 
 HERE = Path(__file__).parent
 ROWS, PAGE = HERE / "results.jsonl", HERE / "results.md"
-#: Contacts this much stiffer are as good as instantaneous; see tests/integration/test_reference.py.
-_STIFFENED = 1e6
-#: Standard deviation of a reading [rad]; recordings that are shorter [s] are left out.
-_NOISE, _SHORTEST = 4e-4, 8.0
+#: Standard deviation of a reading [rad].
+_NOISE = 4e-4
 #: What an experiment states of k_f, κ and b, whatever is true.
 _STATED = {"k_f": 19e3, "kappa": 200.0, "b": 2.2e-3}
 #: Errors of k_f, κ or b from which on the mode is a wrong one [standard deviations].
@@ -43,12 +42,10 @@ _WRONG = 5.0
 def calibrate_cradle(number: int, folder: Path) -> dict[str, Any] | None:
     """The row of one cradle; None of one that is left out."""
     case, truth = draw(number, FRAMES)[0], true_values(number)
-    if case.duration < _SHORTEST or case.bobs < 2:
+    if case.duration < SHORTEST or case.bobs < 2:
         return None
-    cradle = SoftCradle(case.bobs, delta=case.delta, stiffness_factor=_STIFFENED, **truth)
-    recording = record(
-        cradle, case.angles, duration=case.duration, rate=case.camera.rate, noise=_NOISE, seed=number
-    )  # fmt: skip
+    cradle = SoftCradle(case.bobs, delta=case.delta, stiffness_factor=STIFFENED, **truth)
+    recording = record(cradle, case.angles, duration=case.duration, rate=case.camera.rate, noise=_NOISE, seed=number)
     path = write_experiment(folder, [recording], stated=_STATED, run={"noise": None})
     likelihood, mode = normal_approximation(Likelihood(Experiment.load(path)))
     known = [likelihood.names.index(name) for name in truth]
