@@ -49,6 +49,9 @@ from cradle_env.mechanics.string_events import half_square, string_event
 
 # How well the end of a contact is located [s].
 _PART_TOLERANCE = 1e-10
+# Speeds [m/s, rad/s on rigid strings] from which on a motion has diverged: no cradle swings so fast. The search for
+# meetings goes in strides that are short against the speed, and would hardly end.
+_DIVERGED = 1e5
 # After an event, the next point of the grid is passed over if it is nearer than this part of a step.
 _SHORTEST = 0.25
 
@@ -78,7 +81,7 @@ def lay(cradle, bobs, S, W, lo, hi):
 @apart(types.boolean, *GROUP)
 def plan(cradle, bobs, S, W, lo, hi):
     """Lays the segment of the bobs lo..hi-1 from its start: to a point of the grid, or to the first event of a
-    string, a persistent contact or a resolved contact before it. Returns whether it is finite."""
+    string, a persistent contact or a resolved contact before it. Returns whether it is finite, and has not diverged."""
     t = S[lo, T0]
     grid = (math.floor(t / cradle.step + _SHORTEST) + 1.0) * cradle.step
     full = contact_step(cradle, bobs, S, lo, hi, grid - t)
@@ -106,7 +109,7 @@ def plan(cradle, bobs, S, W, lo, hi):
     for i in range(lo, hi):
         S[i, T1] = grid if h == grid - t else t + h
         S[i, DUE], S[i, WHOSE], S[i, ON_SERIES] = cause, whose, 0.0
-        finite = finite and math.isfinite(S[i, END] + S[i, END + 2])
+        finite = finite and math.isfinite(S[i, END]) and abs(S[i, END + 2]) + abs(S[i, END + 3]) < _DIVERGED
     return finite
 
 

@@ -1,6 +1,8 @@
 """Learned laws as effects: known by name, never candidates, absent at 0 to the bit, present as what they say."""
 
 import math
+import subprocess
+import sys
 
 import gymnasium as gym
 import numpy as np
@@ -107,6 +109,24 @@ def test_bobs_whose_rest_is_not_found_are_refused() -> None:
     """A force that changes twelve times as steeply as gravity: the search for it overshoots."""
     with pytest.raises(ValueError, match=r"no common rest was found .* a force as steep"):
         simulate(Cradle(bobs=2, delta=8.0, effects=law("learned_force", hump_4=3.0)), RELEASE, 1.0)
+
+
+def test_a_motion_that_diverges_ends() -> None:
+    """A drag along the strings too stiff for the steps. Left to itself, the motion was searched for meetings in strides
+    that are short against its speed of some 1e20 m/s."""
+    code = """
+from cradle_env import Cradle, Release, simulate
+from tests.unit.cradle_env.test_learned_effects import law
+for size in (70.0, 80.0):
+    drag = law("learned_force", angle=0.125, speed=0.214, radial=[size, 0.0, 0.0])
+    cradle = Cradle(bobs=3, k_f=14935.0, kappa=243.6, b=0.0172, effects=drag)
+    try:
+        simulate(cradle, Release(angle=0.1212), 4.0, tolerance=5e-12)
+    except RuntimeError as problem:
+        print(problem)
+"""
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=120)
+    assert run.stdout.count("the motion left the range of numbers: a force is too steep for the steps") == 2, run.stdout
 
 
 def test_an_environment_begins_where_bobs_hang() -> None:
