@@ -68,11 +68,11 @@ which keeps every case. A case is an experiment of 45 s with one run and one lif
 soft-contact reference. It hides one effect, two or three effects, none, or a force that is in no catalogue. Δχ² is
 the excess in χ² of the best wrong model over the right one on noiseless data. Brackets hold 95 % intervals.
 
-**The search by evidence** judged rounds {SEARCH} and later: fresh seeds, each case once, round {SEARCH} by one commit,
-those after it by a later one. Nothing was chosen by looking at them. **The earlier selection** added effects one by
-one. It judged rounds {HELD_OUT} to {SEARCH - 1} once each, but its rules changed with the misses of some of them;
-rounds 0 to {HELD_OUT - 1} had been looked at. Of what the earlier selection missed in rounds {HELD_OUT} to
-{SEARCH - 1}, the search by evidence has judged the same data again (`--misses`); the table below tells old from new.
+**The search by evidence** judged rounds {SEARCH} and later: fresh seeds, each case once, each round by one commit that
+was made before it. **The earlier selection** added effects one by one. It judged rounds {HELD_OUT} to {SEARCH - 1} once
+each, but its rules changed with the misses of some of them; rounds 0 to {HELD_OUT - 1} had been looked at. Of what the
+earlier selection missed in rounds {HELD_OUT} to {SEARCH - 1}, the search by evidence has judged the same data again
+(`--misses`); the table below tells old from new.
 That table can only show gains; the first one is the fair comparison.
 
 In the rounds before {HELD_OUT}, Δχ² is the χ² of the best wrong model itself, frames that differ from their formula
