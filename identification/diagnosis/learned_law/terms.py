@@ -265,17 +265,18 @@ class LinearModel:
 def residual_derivative(fitted: FitResult, scales: Scales, term: Term, step: float = _STEP) -> np.ndarray:
     """d residuals / d coefficient, (R + P,), by a finite difference; 0 if the term cannot be simulated.
 
-    step: first try [unit of the coefficient]; it is then adapted to change the residuals by TARGET_SHIFT.
+    step: first try [unit of the coefficient]; it is then adapted to change the residuals by TARGET_SHIFT, as far as it
+    can be simulated.
     """
     likelihood = Likelihood(with_terms(fitted.experiment, scales, (term,)), fitted.likelihood.rows, 1)
-    moved = np.zeros(len(fitted.residuals))
+    derivative = np.zeros(len(fitted.residuals))
     for _ in range(_TRIES):
         try:
             moved = likelihood.residuals(point_at(likelihood, {**fitted.values, term.name: step})) - fitted.residuals
         except ImpossibleModelError:
-            return np.zeros(len(fitted.residuals))
-        size = float(np.sqrt(np.mean(moved**2)))
+            break
+        derivative, size = moved / step, rms(moved)
         if size == 0.0 or TARGET_SHIFT / 3.0 < size < 3.0 * TARGET_SHIFT:
             break
         step *= TARGET_SHIFT / size
-    return moved / step
+    return derivative

@@ -570,6 +570,17 @@ def test_along_strings_that_do_not_stretch_nothing_is_learned():
     assert keys[0] - keys[1] == {"radial", *(f"tug_{i}" for i in range(1, 8))}
 
 
+def test_a_term_has_its_effect_where_the_step_that_shows_it_cannot_be_simulated():
+    """Drag along the strings that readings with this much noise would show is too stiff to be simulated."""
+    cradle, release = Cradle(bobs=1), Release(angle=0.12)
+    run = simulate(cradle, release, duration=12.0, sample_rate=50.0)
+    likelihood = Likelihood(Experiment.from_arrays(cradle, run.t, run.theta, release, noise=0.1))
+    alone = FitResult(likelihood, likelihood.start())
+    linear = LinearModel.of(alone, law_scales(alone))
+    drag = linear.columns[:, [term.key for term in linear.terms].index("radial")]
+    assert np.count_nonzero(drag) > 0.9 * len(run.t)
+
+
 def test_a_law_that_cannot_be_simulated_ends_its_fit():
     """Where no neighbour in κ can be either, the ladder once went round for ever."""
     point, least = search_kappa_modes(None, np.ones(1), math.inf)  # type: ignore[arg-type]
