@@ -141,11 +141,13 @@ def page(rows: Sequence[Row]) -> str:
         lost = [case for case in both if whole[case]["right"] > own[case]["right"]]
         won = [case for case in both if whole[case]["right"] < own[case]["right"]]
         right = format_count(sum(own[case]["right"] for case in both), len(both))
-        seconds = f"{np.mean([own[case]['seconds'] for case in both]):.0f}" if both and words in _TIMED else "–"
+        spent, before = (sum(of[case]["seconds"] for case in both) for of in (own, whole))
+        seconds = f"{spent / before:.2f}" if both and words in _TIMED else "–"
         lines.append((words, right, *shares, len(lost), len(won), seconds))
         changed += [(words, case, _told(whole[case]), _told(own[case])) for case in (*lost, *won)]
+    header = ("without the rule that", "right", *KINDS, "made wrong", "made right", "times the seconds")
     return "\n".join([
-        _HEAD, *table(("without the rule that", "right", *KINDS, "made wrong", "made right", "seconds, mean"), lines),
+        _HEAD, *table(header, lines),
         "## Every verdict that changed between right and wrong\n",
         *table(("without the rule that", "case", "with it", "without it"), changed),
         "Cases by the commit that judged them: " + ", ".join(
@@ -163,7 +165,8 @@ Made by `python -m studies.diagnosis.ablation` from docs/ablation.jsonl. Cases o
 and later, with one or two bobs, are diagnosed again with one rule left out. Those that took longest are left out.
 Parentheses hold 95 % Wilson intervals. The first line has all rules. A rule whose absence makes nothing wrong is not
 useless: these cases did not need it, or another rule did its work. Seconds are of one core's processor, without
-intervals and detection limits; they are left out where fits made with all rules served again.
+intervals and detection limits, over those of the same cases with all rules. They are left out where fits made with all
+rules served again.
 """
 
 

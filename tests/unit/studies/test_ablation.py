@@ -36,7 +36,7 @@ def test_the_page_counts_what_each_rule_makes_right_and_wrong() -> None:
         judged("c", ["?"], WHOLE, True, 30.0),
     ]  # fmt: skip
     told = page(rows)
-    whole = "2 of 3 (21–94 %) | 0 of 1 | 1 of 1 | 0 of 0 | 0 of 0 | 1 of 1 | 0 | 0 | 20 |"
+    whole = "2 of 3 (21–94 %) | 0 of 1 | 1 of 1 | 0 of 0 | 0 of 0 | 1 of 1 | 0 | 0 | 1.00 |"
     assert f"| {WHOLE} | {whole}" in told, "c was not judged without the rule, and counts here alone"
-    assert f"| {words} | 1 of 2 (9–91 %) | 1 of 1 | 0 of 1 | 0 of 0 | 0 of 0 | 0 of 0 | 1 | 1 | 3 |" in told
+    assert f"| {words} | 1 of 2 (9–91 %) | 1 of 1 | 0 of 1 | 0 of 0 | 0 of 0 | 0 of 0 | 1 | 1 | 0.20 |" in told
     assert f"| {words} | a |" in told and f"| {words} | b |" in told and f"| {words} | c |" not in told
