@@ -24,8 +24,8 @@ _MOST_SAMPLES, _MOST_BOB_SAMPLES = 1e7, 5e7
 #: What a status other than DONE means.
 EXHAUSTED = {
     event_loop.STALLED: "more impacts at one instant than can be resolved",
-    event_loop.NOT_FINITE: "the motion left the range of numbers: a force is too steep for the steps; weaken what "
-    "effects and b do",
+    event_loop.NOT_FINITE: "the motion left the range of numbers: a force is too steep for the steps; weaken the "
+    "effects, or lower b",
     event_loop.NO_REST: "no common rest was found of bobs that press so hard on each other, or hang in a force as "
     "steep; take fewer, or delta nearer 0",
     event_loop.PAUSED: "it takes more steps than are allowed; shorten it, or take a cradle that moves more slowly",
