@@ -15,7 +15,7 @@ import multiprocessing
 import tempfile
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 from unittest import mock
@@ -30,7 +30,7 @@ from identification.diagnosis.selection.fit_cache import FitCache
 from studies.diagnosis.rows import KINDS, Row, is_confounded, kind
 from studies.diagnosis.study import SEARCH, Apparatus, Case, cases, diagnose_without_advice
 from studies.diagnosis.table import ROWS as STUDY
-from studies.diagnosis.table import table
+from studies.diagnosis.table import format_verdict, table
 from studies.kept_rows import committed_code, format_count, keep_row, read_rows
 
 DOCS = Path(__file__).parents[2] / "docs"
@@ -50,11 +50,7 @@ class Rule:
     fits: bool = False
 
 
-def _constant(name: str, value: object) -> Callable[[], AbstractContextManager]:
-    return lambda: mock.patch.object(model_search, name, value)
-
-
-def _method(owner: object, name: str, value: object) -> Callable[[], AbstractContextManager]:
+def _replaced(owner: object, name: str, value: object) -> Callable[[], AbstractContextManager]:
     return lambda: mock.patch.object(owner, name, value)
 
 
@@ -71,15 +67,19 @@ def _residuals_refute_nothing() -> AbstractContextManager:
 
 #: The rules, each left out in its turn.
 RULES = (
-    Rule("candidates start on early data, too", _constant("EARLY_STRENGTHS", ()), fits=True),
-    Rule("modes are shared among models", _method(model_search.ModelSearch, "share_modes", lambda *_: None)),
-    Rule("the best three models of a size are extended", _constant("BEAM", 1)),
-    Rule("each effect can be dropped again", _method(model_search.ModelSearch, "_drop_each", lambda _, model: model)),
-    Rule("what leaves noise is extended by what first order shows", _constant("SETTLED", 2.0), fits=True),
+    Rule("candidates start on early data, too", _replaced(model_search, "EARLY_STRENGTHS", ()), fits=True),
+    Rule("modes are shared among models", _replaced(model_search.ModelSearch, "share_modes", lambda *_: None)),
+    Rule("the best three models of a size are extended", _replaced(model_search, "BEAM", 1)),
+    Rule("each effect can be dropped again", _replaced(model_search.ModelSearch, "_drop_each", lambda _, model: model)),
+    Rule(
+        "what leaves only noise is extended by what first order shows",
+        _replaced(model_search, "SETTLED", 2.0),
+        fits=True,
+    ),
     Rule("evidence is tempered by correlated residuals", _untempered),
-    Rule("an effect has prior odds", _method(model_search.ModelSearch, "log_prior", 0.0)),
-    Rule("a learned law competes", _method(repair, "learn_law", lambda *_: None)),
-    Rule("held-out data can refute names", _method(repair, "fails_prediction", lambda _: False)),
+    Rule("an effect has prior odds", _replaced(model_search.ModelSearch, "log_prior", 0.0)),
+    Rule("a learned law competes", _replaced(repair, "learn_law", lambda *_: None)),
+    Rule("held-out data can refute names", _replaced(repair, "fails_prediction", lambda _: False)),
     Rule("residuals that are more than noise refute names", _residuals_refute_nothing),
 )
 
@@ -107,14 +107,9 @@ def ablate(case: Case, row: Row, done: Sequence[str] = ()) -> Iterator[Row]:
         for words, rule in ((WHOLE, None), *((rule.words, rule) for rule in RULES)):
             if words in done:
                 continue
-            with rule.without() if rule else _nothing():
+            with rule.without() if rule else nullcontext():
                 found = judge(path, row["hidden"], new() if rule and rule.fits else shared)
             yield {"case": case.name, "without": words, "hidden": row["hidden"], "commit": commit} | found
-
-
-@contextmanager
-def _nothing() -> Iterator[None]:
-    yield
 
 
 def choose(rows: Sequence[Row], longest: float) -> list[Row]:
@@ -144,7 +139,7 @@ def page(rows: Sequence[Row]) -> str:
         spent, before = (sum(of[case]["seconds"] for case in both) for of in (own, whole))
         seconds = f"{spent / before:.2f}" if both and words in _TIMED else "–"
         lines.append((words, right, *shares, len(lost), len(won), seconds))
-        changed += [(words, case, _told(whole[case]), _told(own[case])) for case in (*lost, *won)]
+        changed += [(words, case, format_verdict(whole[case]), format_verdict(own[case])) for case in (*lost, *won)]
     header = ("without the rule that", "right", *KINDS, "made wrong", "made right", "times the seconds")
     return "\n".join([
         _HEAD, *table(header, lines),
@@ -170,12 +165,6 @@ rules served again.
 """
 
 
-def _told(row: Row) -> str:
-    """A verdict in a cell."""
-    several = " / ".join("+".join(names) for names in row["one of"])
-    return f"{row['verdict']}: {' + '.join(row['named']) or '–'}" + (f" + one of {several}" if several else "")
-
-
 def _ablate(asked: tuple[Case, Row, list[str]]) -> None:
     for found in ablate(*asked):
         keep_row(ROWS, found)
@@ -190,7 +179,7 @@ def main() -> None:
     asked = parser.parse_args()
     kept = read_rows(ROWS)
     rows = {row["case"]: row for row in choose(read_rows(STUDY), asked.longest)}
-    made = {case.name: case for case in cases(sorted({int(name[:2]) for name in rows}))}
+    made = {case.name: case for case in cases(sorted({int(name[:2]) for name in rows}))} if rows else {}
     left = [(made[name], row, [one["without"] for one in kept if one["case"] == name]) for name, row in rows.items()]
     try:
         with multiprocessing.get_context("spawn").Pool(asked.processes) as pool:

@@ -293,7 +293,7 @@ def old_and_new_table(rows: list[Row], again: list[Row]) -> list[str]:
     """What the earlier selection missed, and what the search by evidence says of the same data. again: its rows."""
     old = {row["case"]: row for row in rows}
     lines = [
-        (*_what(row), *(f"{one['verdict']}: {_found(one) or '–'}" for one in (old[row["case"]], row)),
+        (*_what(row), *map(format_verdict, (old[row["case"]], row)),
          "right" if is_exact(row) else "missed", f"{old[row['case']]['seconds']:.0f} → {row['seconds']:.0f}")
         for row in again
     ]  # fmt: skip
@@ -333,6 +333,11 @@ def _found(row: Row) -> str:
     """What was found, in words."""
     several = " / ".join("+".join(names) for names in row["one of"])
     return ", ".join(row["named"]) + (" + one of " if row["named"] and several else "") + several
+
+
+def format_verdict(row: Row) -> str:
+    """A verdict and what was found, in words."""
+    return f"{row['verdict']}: {_found(row) or '–'}"
 
 
 def large_errors_table(rows: list[Row]) -> list[str]:
