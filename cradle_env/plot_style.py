@@ -56,7 +56,8 @@ def styled(draw: Callable[_P, _R]) -> Callable[_P, _R]:
     def wrapper(*args: _P.args, **kwargs: _P.kwargs) -> _R:
         import matplotlib
 
-        settings: Any = {**matplotlib.rcParamsDefault, **STYLE, "backend": matplotlib.rcParams["backend"]}
+        settings: Any = {**matplotlib.rcParamsDefault, **STYLE}
+        del settings["backend"]  # stays as it is: to read what it is would load pyplot
         with matplotlib.rc_context(settings):
             return draw(*args, **kwargs)
 
