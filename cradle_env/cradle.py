@@ -296,20 +296,23 @@ class Cradle:
         """Small-angle period 2π √(r0/g) [s]."""
         return 2.0 * math.pi * math.sqrt(self.length / self.gravity)
 
-    @property
+    @functools.cached_property
     def gaps(self) -> np.ndarray:
-        """δ of each gap, shape (N − 1,): as stated, and what effects add."""
+        """δ of each gap, shape (N − 1,), read-only: as stated, and what effects add."""
         gaps = np.broadcast_to(np.asarray(self.delta, dtype=float), (self.bobs - 1,))
         for e in self.composition:
             if e.gaps is not None:
                 gaps = gaps + e.gaps(self.effects.get(e.name, {}))
+        gaps.flags.writeable = False
         return gaps
 
-    @property
+    @functools.cached_property
     def pivots(self) -> np.ndarray:
-        """x of each bob's pivot [m], shape (N,), centred."""
+        """x of each bob's pivot [m], shape (N,), read-only: centred."""
         x = np.concatenate([[0.0], np.cumsum(2.0 * self.radius * (1.0 + self.gaps))])
-        return x - 0.5 * x[-1]
+        x -= 0.5 * x[-1]
+        x.flags.writeable = False
+        return x
 
     def __repr__(self) -> str:
         standard = {"kappa": self._kappa_for(STANDARD_BETA)}

@@ -110,7 +110,7 @@ class Experiment:
 
     def cradle_of(self, run: Run) -> Cradle:
         """The cradle with the δ of a run."""
-        return self.cradle.replace(delta=run.delta)
+        return self.cradle if run.delta == self.cradle.delta else self.cradle.replace(delta=run.delta)
 
     @classmethod
     def from_arrays(
