@@ -99,9 +99,16 @@ def difference_jacobian(likelihood: Misfit, point: np.ndarray, base: np.ndarray)
 
 
 def refine(
-    likelihood: Misfit, point: np.ndarray, evaluations: int, options: SearchOptions = DEFAULT
+    likelihood: Misfit,
+    point: np.ndarray,
+    evaluations: int,
+    options: SearchOptions = DEFAULT,
+    jacobian: np.ndarray | None = None,
 ) -> tuple[np.ndarray, float]:
     """Descend by least squares (trust-region reflective, SciPy) from a point.
+
+    jacobian (R, D): known derivatives of the residuals near the start, such as those of a similar model. They save
+    simulations: the descent begins with them, and ends where it converges, without new differences there.
 
     Returns (point (D,), sum of squared residuals) after at most `evaluations` evaluations; (start, inf) if the start is
     impossible.
@@ -115,7 +122,7 @@ def refine(
     gain, cost_before = options.converged_gain / max(len(first), 1), math.inf
     if not len(inside):
         return inside, cost(likelihood, inside)
-    descent = _Descent(likelihood, inside, first, options.broyden_error)
+    descent = _Descent(likelihood, inside, first, options.broyden_error, jacobian)
     while True:
         fit = least_squares(
             descent.padded_residuals,
@@ -128,7 +135,8 @@ def refine(
             ftol=gain,
         )
         inside, evaluations = fit.x, evaluations - fit.nfev
-        if evaluations <= 0 or descent.is_exact or cost_before - fit.cost < gain * fit.cost:
+        converged = descent.is_exact or jacobian is not None or cost_before - fit.cost < gain * fit.cost
+        if evaluations <= 0 or converged:
             return fit.x, 2.0 * float(fit.cost)
         cost_before = fit.cost  # a Broyden update may have ended the descent: repeat it with a new Jacobian
         descent = _Descent(likelihood, fit.x, descent.residuals(fit.x), options.broyden_error)
@@ -152,10 +160,17 @@ class _Descent:
     such as an unknown noise: a singular Jacobian makes its steps in all the others tiny.
     """
 
-    def __init__(self, likelihood: Misfit, start: np.ndarray, residuals: np.ndarray, broyden_error: float):
+    def __init__(
+        self,
+        likelihood: Misfit,
+        start: np.ndarray,
+        residuals: np.ndarray,
+        broyden_error: float,
+        jacobian: np.ndarray | None = None,
+    ):
         self.likelihood, self.broyden_error, self.is_exact = likelihood, broyden_error, True
         self.steps = difference_steps(likelihood)
-        self._last = start.copy(), residuals
+        self._last, self._first = (start.copy(), residuals), jacobian
         self._linearization: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None
 
     def residuals(self, point: np.ndarray) -> np.ndarray:
@@ -167,7 +182,7 @@ class _Descent:
     def derivatives(self, point: np.ndarray) -> np.ndarray:
         """The Jacobian (R, D) at a point."""
         value = self.residuals(point)
-        J = self._broyden_update(point, value)
+        J = self._first if self._linearization is None else self._broyden_update(point, value)
         self.is_exact = J is None
         if J is None:
             J = difference_jacobian(self.likelihood, point, value)
@@ -186,7 +201,8 @@ class _Descent:
 
     def _broyden_update(self, point: np.ndarray, value: np.ndarray) -> np.ndarray | None:
         """The last Jacobian, corrected in the direction of the step; None if its prediction error is too large."""
-        if self._linearization is None or self.likelihood.experiment.cradle.bobs >= MIN_BOBS_WITH_IMPACT_ORDER:
+        assert self._linearization is not None
+        if self.likelihood.experiment.cradle.bobs >= MIN_BOBS_WITH_IMPACT_ORDER:
             return None
         last, before, J = self._linearization
         step, change = point - last, value - before

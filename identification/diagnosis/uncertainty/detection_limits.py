@@ -242,7 +242,7 @@ def _follow_profile(fitted: FitResult, one: _LinearLimit, rounds: int) -> np.nda
 
     def refit(s: float, start: np.ndarray) -> tuple[np.ndarray, float]:
         likelihood = _likelihood_at(fitted, one, s)
-        point, chi2 = refine(likelihood, start, REFIT_EVALUATIONS)
+        point, chi2 = refine(likelihood, start, REFIT_EVALUATIONS, jacobian=fitted.jacobian)
         if math.isfinite(chi2):
             polished = descend(likelihood, point, rounds, widths=fitted.widths)
             if not np.array_equal(polished, point):
