@@ -16,8 +16,11 @@ MISSPECIFIED_GAP = math.sqrt(nonsmooth.MISSPECIFIED_CHI2_SCALE)
 
 # Continuation in the horizon (selection/continuation.py).
 
-#: Small-angle periods of the first horizon; each further one is twice as long. Over two the misfit has few minima.
+#: Small-angle periods of the first horizon. Over two the misfit has few minima.
 FIRST_PERIODS = 2.0
+#: Factor by which each horizon is longer than the last. With three bobs or more it is that of the search for modes, see
+#: `SearchOptions.early_growth`.
+HORIZON_GROWTH = 2.0
 #: Share of the run from which on a horizon is replaced by all data: refining twice over nearly the same data is waste.
 LAST_SHARE = 0.75
 #: Modes followed at most: bounds the cost of a horizon.
@@ -25,8 +28,8 @@ MAX_BASINS = 3
 #: Distance from the best within which modes are followed and models are finished [units of χ²]: early data, and fits
 #: that are not finished, rank by chance.
 MAX_DISTANCE = 60.0
-#: Evaluations of least squares over each horizon, and to the end over all data.
-EVALUATIONS, FINAL_EVALUATIONS = 6, 30
+#: Evaluations of least squares over each horizon, over all data to see where a start leads, and to the end.
+EARLY_EVALUATIONS, EVALUATIONS, FINAL_EVALUATIONS = 10, 6, 30
 #: Standard deviations of ln k_f, ln κ and ln b about their stated values while the data are short. Short data hardly
 #: constrain one of them, and least squares would drift along that ridge. The evidence has the same priors.
 EARLY_PRIORS = {"k_f": 0.3, "kappa": 0.2, "b": 0.7}

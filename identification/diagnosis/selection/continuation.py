@@ -2,7 +2,7 @@
 
 Over a few swings the misfit has few local minima; over the whole run it has many. Those in κ lie Δ ln κ = 2β/n apart
 after n small-angle periods: one turn of the radial oscillation more or less. So each minimum over n periods is refined
-over 2n periods, and its neighbours in κ start beside it where the data do not exclude them.
+over more periods, and its neighbours in κ start beside it where the data do not exclude them.
 """
 
 from __future__ import annotations
@@ -14,18 +14,28 @@ from dataclasses import dataclass
 import numpy as np
 
 from identification.diagnosis.criteria import (
+    EARLY_EVALUATIONS,
     EARLY_PRIORS,
-    EVALUATIONS,
     FIRST_PERIODS,
+    HORIZON_GROWTH,
     LAST_SHARE,
     MAX_BASINS,
     MAX_DISTANCE,
     OPEN_SD,
     SAME_BASIN,
 )
-from identification.inference.least_squares import Misfit, bounds, chi2_scale, cost, difference_jacobian, refine_each
+from identification.inference.least_squares import (
+    MIN_BOBS_WITH_IMPACT_ORDER,
+    Misfit,
+    bounds,
+    chi2_scale,
+    cost,
+    difference_jacobian,
+    refine_each,
+)
 from identification.inference.likelihood import Likelihood
 from identification.inference.mode_search import early_rows, longest_run
+from identification.inference.search_options import DEFAULT
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,11 +66,13 @@ class EarlyMisfit:
 
 
 def horizons(likelihood: Likelihood) -> list[float]:
-    """Numbers of small-angle periods, doubling, as long as they leave out part of the data."""
+    """Numbers of small-angle periods, growing by a factor, as long as they leave out part of the data."""
+    smooth = likelihood.experiment.cradle.bobs < MIN_BOBS_WITH_IMPACT_ORDER
+    growth = HORIZON_GROWTH if smooth else DEFAULT.early_growth
     longest, found, periods = longest_run(likelihood), [], FIRST_PERIODS
     while periods < LAST_SHARE * longest:
         found.append(periods)
-        periods *= 2.0
+        periods *= growth
     return found
 
 
@@ -69,7 +81,7 @@ def follow_early(likelihood: Likelihood, starts: Sequence[np.ndarray]) -> list[n
     points = list(starts)
     for periods in horizons(likelihood):
         early = EarlyMisfit(likelihood, periods)
-        found = refine_all(early, points, EVALUATIONS)
+        found = refine_all(early, points, EARLY_EVALUATIONS)
         unit = unit_of_chi2(likelihood, found[0].chi2) if found else 1.0
         basins = distinct_basins(early, found, unit)
         points = [basin.minimum.point for basin in basins]

@@ -21,6 +21,7 @@ from identification.diagnosis.selection.fit_cache import FitCache, fit_key
 from identification.inference.fit_result import FitResult
 from identification.inference.least_squares import cost
 from identification.inference.likelihood import Likelihood
+from identification.inference.nonsmooth import descend
 
 #: Labels of candidates.
 Names = frozenset[str]
@@ -94,12 +95,19 @@ class Model:
         self._add(near)
 
     def finish(self) -> None:
-        """Follows what was approached to its modes."""
+        """Follows what was approached to its modes, the best one over jumps of the readings, too."""
         limit = self.chi2 + MAX_DISTANCE * self.unit
         near, self._approached = [one.point for one in self._approached if one.chi2 < limit], []
+
+        def find() -> list[Minimum]:
+            found = refine_all(self.likelihood, near, FINAL_EVALUATIONS)
+            if found:
+                reached = descend(self.likelihood, found[0].point)
+                found[0] = Minimum(reached, cost(self.likelihood, reached))
+            return found
+
         if near:
-            what = f"finished {[point.tolist() for point in near]}"
-            self._add(self._stored(what, lambda: refine_all(self.likelihood, near, FINAL_EVALUATIONS)))
+            self._add(self._stored(f"finished {[point.tolist() for point in near]}", find))
 
     def finish_from(self, start: np.ndarray) -> None:
         """Finishes it from a point (D,) too, unless that lies in the basin of the best mode."""
