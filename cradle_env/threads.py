@@ -22,7 +22,8 @@ def cores() -> int:
 def in_threads(function: Callable, items: Sequence, workers: int | None = None) -> list:
     """Return [function(item) for item in items], computed on several threads.
 
-    Threads help since the kernels release the interpreter lock. workers: number of threads; all cores if omitted.
+    Threads help since the kernels release the interpreter lock. workers: number of threads; all cores if omitted. A
+    call from one of these threads uses this thread alone: the cores are busy.
     """
     return list(each_in_threads(function, items, workers))
 
@@ -30,7 +31,7 @@ def in_threads(function: Callable, items: Sequence, workers: int | None = None) 
 def each_in_threads(function: Callable, items: Sequence, workers: int | None = None) -> Iterator:
     """Yield the results of `in_threads` in order, each as soon as it and all before it are ready."""
     workers = min(workers or cores(), max(len(items), 1))
-    if workers == 1:
+    if workers == 1 or _stop_of_this_thread() is not None:
         yield from map(function, items)
     else:
         with Threads(workers) as pool:
@@ -50,6 +51,11 @@ class _Stop:
 _thread = threading.local()
 
 
+def _stop_of_this_thread() -> _Stop | None:
+    """That of the pool which this thread belongs to, if any."""
+    return getattr(_thread, "stop", None)
+
+
 class Threads(ThreadPoolExecutor):
     """A thread pool whose runs stop within a second after `stop`, or after an exception such as Ctrl-C in the block.
 
@@ -57,7 +63,7 @@ class Threads(ThreadPoolExecutor):
     """
 
     def __init__(self, workers: int | None = None) -> None:
-        self._asked = stop = _Stop(getattr(_thread, "stop", None))
+        self._asked = stop = _Stop(_stop_of_this_thread())
         super().__init__(workers or cores(), initializer=lambda: setattr(_thread, "stop", stop))
 
     def stop(self) -> None:
@@ -72,5 +78,5 @@ class Threads(ThreadPoolExecutor):
 
 def check_stop() -> None:
     """Raise InterruptedRun if the runs of this thread must stop."""
-    if getattr(_thread, "stop", None):
+    if _stop_of_this_thread():
         raise InterruptedRun

@@ -268,7 +268,8 @@ def residual_derivative(fitted: FitResult, scales: Scales, term: Term, step: flo
     step: first try [unit of the coefficient]; it is then adapted to change the residuals by TARGET_SHIFT, as far as it
     can be simulated.
     """
-    likelihood = Likelihood(with_terms(fitted.experiment, scales, (term,)), fitted.likelihood.rows, 1)
+    new, own = with_terms(fitted.experiment, scales, (term,)), fitted.likelihood
+    likelihood = Likelihood(new, own.rows, own.workers)
     derivative = np.zeros(len(fitted.residuals))
     for _ in range(_TRIES):
         try:

@@ -255,7 +255,7 @@ class ModelSearch:
                     added = {name: {} for name in own.effects if name != own.name} | {own.name: values}
                     experiment = with_effects(experiment, added, own.unknown)
                     effects |= {*own.effects}
-            likelihood = Likelihood(experiment, training_rows(experiment)[0], 1)
+            likelihood = Likelihood(experiment, training_rows(experiment)[0], self.workers)
             self.models[names] = Model(names, frozenset(effects), likelihood, self.store)
         return self.models[names]
 

@@ -83,8 +83,8 @@ class ScoreTest:
 def score(fitted: FitResult, replicates: np.ndarray) -> ScoreTest:
     """Scores every candidate; replicates: (R + P, M), see `FitResult.replicates`."""
     found = []
-    several = list_candidates(fitted.cradle)
-    all_sensed = in_threads(lambda candidate: compute_sensitivities(fitted, candidate), several, 1)
+    several, workers = list_candidates(fitted.cradle), fitted.likelihood.workers
+    all_sensed = in_threads(lambda candidate: compute_sensitivities(fitted, candidate), several, workers)
     replicate_maxima = np.zeros(replicates.shape[1])
     for candidate, shape_unknowns in zip(several, all_sensed, strict=True):
         directions, likely = [], []
@@ -214,7 +214,7 @@ def residual_change(fitted: FitResult, candidate: Candidate, values: Values) -> 
     """Change of the residuals by a candidate with these values, (R + P,), all else as fitted."""
     name = candidate.declaration.name
     model = with_effects(fitted.experiment, {name: values}, candidate.unknown)
-    likelihood = Likelihood(model, fitted.likelihood.rows, 1)
+    likelihood = Likelihood(model, fitted.likelihood.rows, fitted.likelihood.workers)
     stated = likelihood.values(likelihood.start())
     point = point_at(likelihood, {**stated, **fitted.values, **flatten_values(name, values)})
     moved = likelihood.residuals(point)[: fitted.count] - fitted.residuals[: fitted.count]

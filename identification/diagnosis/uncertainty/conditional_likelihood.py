@@ -13,9 +13,7 @@ class ConditionalLikelihood:
     """The likelihood of the other unknowns with unknown i fixed at a coordinate."""
 
     def __init__(self, of: Likelihood, i: int, coordinate: float):
-        self.experiment = of.experiment
-        #: One thread: refits run in parallel.
-        self.workers: int | None = 1
+        self.experiment, self.workers = of.experiment, of.workers
         self.unknowns = (*of.unknowns[:i], *of.unknowns[i + 1 :])
         self._of, self._place, self._coordinate = of, i, coordinate
 

@@ -202,7 +202,7 @@ def _compensating_step(fitted: FitResult, S: np.ndarray) -> np.ndarray:
 def _likelihood_at(fitted: FitResult, one: _LinearLimit, s: float) -> Likelihood:
     """The conditional likelihood of the model with an effect of strength s [scales]."""
     model = with_effects(fitted.experiment, {one.candidate.name: one.sensitivity.values(np.array([s]))}, ())
-    return Likelihood(model, fitted.likelihood.rows, 1)
+    return Likelihood(model, fitted.likelihood.rows, fitted.likelihood.workers)
 
 
 def _nonsmooth_rounds(fitted: FitResult, one: _LinearLimit, limit: float) -> int | None:
