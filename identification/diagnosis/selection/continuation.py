@@ -14,13 +14,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from identification.diagnosis.criteria import (
-    EARLY_EVALUATIONS,
     EARLY_PRIORS,
+    EVALUATIONS,
     FIRST_PERIODS,
     HORIZON_GROWTH,
     LAST_SHARE,
     MAX_BASINS,
     MAX_DISTANCE,
+    NONSMOOTH_EVALUATIONS,
     OPEN_SD,
     SAME_BASIN,
 )
@@ -65,10 +66,13 @@ class EarlyMisfit:
         return np.concatenate([self._of.residuals(point), prior])
 
 
+def _is_smooth(likelihood: Likelihood) -> bool:
+    return likelihood.experiment.cradle.bobs < MIN_BOBS_WITH_IMPACT_ORDER
+
+
 def horizons(likelihood: Likelihood) -> list[float]:
-    """Numbers of small-angle periods, growing by a factor, as long as they leave out part of the data."""
-    smooth = likelihood.experiment.cradle.bobs < MIN_BOBS_WITH_IMPACT_ORDER
-    growth = HORIZON_GROWTH if smooth else DEFAULT.early_growth
+    """Numbers of small-angle periods, growing by a factor, up to LAST_SHARE of the run."""
+    growth = HORIZON_GROWTH if _is_smooth(likelihood) else DEFAULT.early_growth
     longest, found, periods = longest_run(likelihood), [], FIRST_PERIODS
     while periods < LAST_SHARE * longest:
         found.append(periods)
@@ -78,10 +82,10 @@ def horizons(likelihood: Likelihood) -> list[float]:
 
 def follow_early(likelihood: Likelihood, starts: Sequence[np.ndarray]) -> list[np.ndarray]:
     """The points (D,) that continuation reaches from several points, up to the last horizon before all data."""
-    points = list(starts)
+    points, evaluations = list(starts), EVALUATIONS if _is_smooth(likelihood) else NONSMOOTH_EVALUATIONS
     for periods in horizons(likelihood):
         early = EarlyMisfit(likelihood, periods)
-        found = refine_all(early, points, EARLY_EVALUATIONS)
+        found = refine_all(early, points, evaluations)
         unit = unit_of_chi2(likelihood, found[0].chi2) if found else 1.0
         basins = distinct_basins(early, found, unit)
         points = [basin.minimum.point for basin in basins]
@@ -147,8 +151,8 @@ def distinct_basins(misfit: Misfit, found: Sequence[Minimum], unit: float) -> li
 
 
 def _kappa_neighbours(likelihood: Likelihood, basin: Basin, periods: float) -> list[np.ndarray]:
-    """Half a spacing of modes on either side in κ, where the next horizon has modes of its own; none where the data up
-    to this horizon exclude them."""
+    """Half a spacing of modes on either side in κ: twice as long a horizon has modes there. None where the data up to
+    this horizon exclude them."""
     if "kappa" not in likelihood.names:
         return []
     k, point = likelihood.names.index("kappa"), basin.minimum.point
