@@ -27,6 +27,8 @@ _PRIOR_STEP = 1e-2
 _SEARCH_STEP = 1e-3
 #: Difference step of an unknown that is not searched [its unit].
 _PLAIN_STEP = 1e-5
+#: Status of a descent (SciPy) that ends since its steps have become tiny: none of them lowered χ² enough.
+_NO_STEP = 3
 
 
 class Misfit(Protocol):
@@ -108,7 +110,8 @@ def refine(
     """Descend by least squares (trust-region reflective, SciPy) from a point.
 
     jacobian (R, D): known derivatives of the residuals near the start, such as those of a similar model. They save
-    simulations: the descent begins with them, and ends where it converges, without new differences there.
+    simulations: the descent begins with them, and where it converges it is not repeated with new differences. If they
+    lead nowhere, it begins anew without them.
 
     Returns (point (D,), sum of squared residuals) after at most `evaluations` evaluations; (start, inf) if the start is
     impossible.
@@ -135,10 +138,11 @@ def refine(
             ftol=gain,
         )
         inside, evaluations = fit.x, evaluations - fit.nfev
-        converged = descent.is_exact or jacobian is not None or cost_before - fit.cost < gain * fit.cost
+        led_on = jacobian is not None and fit.status != _NO_STEP
+        converged = descent.is_exact or led_on or cost_before - fit.cost < gain * fit.cost
         if evaluations <= 0 or converged:
             return fit.x, 2.0 * float(fit.cost)
-        cost_before = fit.cost  # a Broyden update may have ended the descent: repeat it with a new Jacobian
+        jacobian, cost_before = None, fit.cost  # an approximate Jacobian may have ended it: repeat it with a new one
         descent = _Descent(likelihood, fit.x, descent.residuals(fit.x), options.broyden_error)
 
 

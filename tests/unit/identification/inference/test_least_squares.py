@@ -51,3 +51,15 @@ def test_known_derivatives_save_simulations_and_lead_to_the_same_minimum(off):
     assert helped.simulations < 0.7 * plain.simulations
     # A profile ends where χ² has risen by 4 to 9: a hundredth of a unit shifts no end.
     assert abs(found - least) < 0.01 < cost(likelihood, start) - least
+
+
+def test_known_derivatives_that_lead_nowhere_are_given_up():
+    """Of the wrong sign: every step along them raises χ²."""
+    cradle, release = Cradle(bobs=2, k_f=16000.0, kappa=202.0, b=0.0023), Release(angle=0.228)
+    run = simulate(cradle, release, duration=20.0, sample_rate=60.0)
+    likelihood = Likelihood(Experiment.from_arrays(cradle, run.t, run.theta, release, noise=1e-3), workers=1)
+    truth = likelihood.start()
+    start = truth + [0.03 if u.name in ("k_f", "b") else 0.0 for u in likelihood.unknowns]
+    wrong = -difference_jacobian(likelihood, truth, likelihood.residuals(truth))
+    # Without noise the least χ² is 0; the start has some 500.
+    assert refine(likelihood, start, 60, jacobian=wrong)[1] < 0.01 < 100.0 < cost(likelihood, start)
