@@ -23,18 +23,20 @@ def in_threads(function: Callable, items: Sequence, workers: int | None = None) 
     """Return [function(item) for item in items], computed on several threads.
 
     Threads help since the kernels release the interpreter lock. workers: number of threads; all cores if omitted. A
-    call from one of these threads uses this thread alone: the cores are busy.
+    call from one of these threads uses the share of them that this thread has.
     """
     return list(each_in_threads(function, items, workers))
 
 
 def each_in_threads(function: Callable, items: Sequence, workers: int | None = None) -> Iterator:
     """Yield the results of `in_threads` in order, each as soon as it and all before it are ready."""
-    workers = min(workers or cores(), max(len(items), 1))
-    if workers == 1 or _stop_of_this_thread() is not None:
+    asked = workers or cores()
+    allowed = min(asked, getattr(_thread, "share", asked))
+    used = min(allowed, len(items))
+    if used <= 1:
         yield from map(function, items)
     else:
-        with Threads(workers) as pool:
+        with Threads(used, allowed // used) as pool:
             yield from pool.map(function, items)
 
 
@@ -51,20 +53,20 @@ class _Stop:
 _thread = threading.local()
 
 
-def _stop_of_this_thread() -> _Stop | None:
-    """That of the pool which this thread belongs to, if any."""
-    return getattr(_thread, "stop", None)
-
-
 class Threads(ThreadPoolExecutor):
     """A thread pool whose runs stop within a second after `stop`, or after an exception such as Ctrl-C in the block.
 
-    `ThreadPoolExecutor` alone would wait until they end. workers: number of threads; all cores if omitted.
+    `ThreadPoolExecutor` alone would wait until they end. workers: number of threads; all cores if omitted. share: how
+    many threads `in_threads` may use within each of them.
     """
 
-    def __init__(self, workers: int | None = None) -> None:
-        self._asked = stop = _Stop(_stop_of_this_thread())
-        super().__init__(workers or cores(), initializer=lambda: setattr(_thread, "stop", stop))
+    def __init__(self, workers: int | None = None, share: int = 1) -> None:
+        self._asked = stop = _Stop(getattr(_thread, "stop", None))
+
+        def begin() -> None:
+            _thread.stop, _thread.share = stop, share
+
+        super().__init__(workers or cores(), initializer=begin)
 
     def stop(self) -> None:
         """Make the present runs raise InterruptedRun."""
@@ -78,5 +80,5 @@ class Threads(ThreadPoolExecutor):
 
 def check_stop() -> None:
     """Raise InterruptedRun if the runs of this thread must stop."""
-    if _stop_of_this_thread():
+    if getattr(_thread, "stop", None):
         raise InterruptedRun

@@ -276,7 +276,7 @@ class ModelSearch:
         ordered[0].finish()
         limit = ordered[0].chi2 + MAX_DISTANCE * ordered[0].unit
         near = [m for m in ordered if m.chi2 < limit]
-        in_threads(Model.finish, near, self.workers)
+        in_threads(Model.finish, near[1:], self.workers)
         best = min(near, key=lambda m: m.chi2)
         return [m for m in near if m.chi2 < best.chi2 + COMPARED_WITHIN * best.unit]
 
