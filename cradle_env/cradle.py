@@ -298,7 +298,7 @@ class Cradle:
 
     @functools.cached_property
     def gaps(self) -> np.ndarray:
-        """δ of each gap, shape (N − 1,), read-only: as stated, and what effects add."""
+        """δ of each gap, as stated, and what effects add; shape (N − 1,), read-only."""
         gaps = np.broadcast_to(np.asarray(self.delta, dtype=float), (self.bobs - 1,))
         for e in self.composition:
             if e.gaps is not None:
@@ -308,7 +308,7 @@ class Cradle:
 
     @functools.cached_property
     def pivots(self) -> np.ndarray:
-        """x of each bob's pivot [m], shape (N,), read-only: centred."""
+        """x of each bob's pivot [m], centred; shape (N,), read-only."""
         x = np.concatenate([[0.0], np.cumsum(2.0 * self.radius * (1.0 + self.gaps))])
         x -= 0.5 * x[-1]
         x.flags.writeable = False

@@ -177,7 +177,8 @@ class FitResult:
 
     @functools.cached_property
     def covariance(self) -> np.ndarray:
-        """Covariance of the point, (D, D): Laplace, inflated for correlated residuals, with impact-order noise.
+        """Covariance of the point, (D, D): Laplace, inflated for correlated residuals; of three bobs or more
+        with impact-order noise.
 
         Impact-order noise is not inflated, since other misfits of the model do not make it larger.
         """

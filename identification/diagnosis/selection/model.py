@@ -95,7 +95,7 @@ class Model:
         self._add(near)
 
     def finish(self) -> None:
-        """Follows what was approached to its modes, the best one over jumps of the readings, too."""
+        """Follows what was approached to its modes, and the best of them on across jumps of the readings."""
         limit = self.chi2 + MAX_DISTANCE * self.unit
         near, self._approached = [one.point for one in self._approached if one.chi2 < limit], []
 

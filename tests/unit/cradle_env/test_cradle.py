@@ -255,6 +255,10 @@ def test_alpha_of_elastic_spheres() -> None:
 def test_pivots(bobs: int) -> None:
     cradle = Cradle(bobs=bobs, delta=0.1, radius=0.03)
     np.testing.assert_allclose(cradle.pivots, (np.arange(1, bobs + 1) - (bobs + 1) / 2) * 0.066, atol=1e-16)
+    np.testing.assert_allclose(cradle.replace(delta=0.0).pivots, cradle.pivots / 1.1, atol=1e-16)
+    for known_once in (cradle.pivots, cradle.gaps):
+        with pytest.raises(ValueError, match="read-only"):
+            known_once[:] = 0.0
 
 
 def test_signs_and_numbers() -> None:
