@@ -140,7 +140,7 @@ def repair(
     if not best.names:
         return RepairResult((base,), law=law, path=tuple(path), **found)
     path.append(Visit("the most evidence", last.fitted, last.p))
-    if why := _refutation(last, law_odds):
+    if why := _refutation(last, law_odds, estimated):
         path.append(Visit(f"taken back: {why}", base.fitted, base.p))
         if law is None and base.significant:
             law = learn_law(base.fitted, searcher, progress)
@@ -153,11 +153,11 @@ def repair(
     )  # fmt: skip
 
 
-def _refutation(last: ExaminedModel, law_odds: float) -> str:
-    """What refutes names; "" if nothing does."""
+def _refutation(last: ExaminedModel, law_odds: float, estimated: tuple[bool, ...]) -> str:
+    """What refutes names; "" if nothing does. estimated: of each run, whether its noise was."""
     if law_odds > 0.0:
         return "a learned law has more evidence"
-    if fails_prediction(last.fitted):
+    if fails_prediction(last.fitted, estimated):
         return "held-out data refute the names"
     if last.significant:
         return "more than noise is left"

@@ -13,6 +13,7 @@ from cradle_env.cradle import Cradle
 from cradle_env.effects import LEARNED
 from cradle_env.parameter_name import ParameterName
 from identification.diagnosis import diagnosis_display
+from identification.diagnosis.criteria import allowed_gap
 from identification.diagnosis.diagnosis_content import diagnosis_content, step_content
 from identification.diagnosis.learned_law.law import LearnedLaw
 from identification.diagnosis.learned_law.law_shape import LawShape
@@ -143,7 +144,7 @@ class Diagnosis:
     @property
     def gap_allowed(self) -> float:
         """The held-out gap that a right model with these uncertainties stays below in 99 of 100 experiments."""
-        return self.last.predictive_bound
+        return allowed_gap(self.last, [run.noise is None for run in self.experiment.runs])
 
     @functools.cached_property
     def parameters(self) -> dict[str, Interval]:
