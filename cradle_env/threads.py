@@ -23,7 +23,7 @@ def in_threads(function: Callable, items: Sequence, workers: int | None = None) 
     """Return [function(item) for item in items], computed on several threads.
 
     Threads help since the kernels release the interpreter lock. workers: number of threads; all cores if omitted. A
-    call from one of these threads uses the share of them that this thread has.
+    call from within one of these threads has only those that the outer call leaves idle.
     """
     return list(each_in_threads(function, items, workers))
 

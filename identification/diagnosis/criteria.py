@@ -32,9 +32,12 @@ MAX_BASINS = 3
 #: Distance from the best within which modes are followed and models are finished [units of χ²]: early data, and fits
 #: that are not finished, rank by chance.
 MAX_DISTANCE = 60.0
-#: Evaluations of least squares over each horizon, and over all data to see where a start leads; over each horizon with
-#: three bobs or more, where 6 end far from the modes of values per gap; and to the end over all data.
-EVALUATIONS, NONSMOOTH_EVALUATIONS, FINAL_EVALUATIONS = 6, 10, 30
+#: Evaluations of least squares over each horizon, and over all data to see where a start leads.
+EVALUATIONS = 6
+#: The same over each horizon with three bobs or more. There 6 end far from the modes of values per gap.
+NONSMOOTH_EVALUATIONS = 10
+#: Evaluations over all data to the end.
+FINAL_EVALUATIONS = 30
 #: Standard deviations of ln k_f, ln κ and ln b about their stated values while the data are short. Short data hardly
 #: constrain one of them, and least squares would drift along that ridge. The evidence has the same priors.
 EARLY_PRIORS = {"k_f": 0.3, "kappa": 0.2, "b": 0.7}

@@ -101,8 +101,7 @@ class Model:
 
         def find() -> list[Minimum]:
             found = refine_all(self.likelihood, near, FINAL_EVALUATIONS)
-            if found:
-                reached = descend(self.likelihood, found[0].point)
+            if found and (reached := descend(self.likelihood, found[0].point)) is not found[0].point:
                 found[0] = Minimum(reached, cost(self.likelihood, reached))
             return found
 
