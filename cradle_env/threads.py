@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import sys
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -30,8 +31,7 @@ def in_threads(function: Callable, items: Sequence, workers: int | None = None) 
 
 def each_in_threads(function: Callable, items: Sequence, workers: int | None = None) -> Iterator:
     """Yield the results of `in_threads` in order, each as soon as it and all before it are ready."""
-    asked = workers or cores()
-    allowed = min(asked, getattr(_thread, "share", asked))
+    allowed = min(workers or cores(), _thread.share)
     used = min(allowed, len(items))
     if used <= 1:
         yield from map(function, items)
@@ -50,7 +50,14 @@ class _Stop:
         return self.asked or bool(self.parent)
 
 
-_thread = threading.local()
+class _Thread(threading.local):
+    """What a pool says to each of its threads: when to stop, and how many threads calls within may use."""
+
+    stop: _Stop | None = None
+    share: int = sys.maxsize
+
+
+_thread = _Thread()
 
 
 class Threads(ThreadPoolExecutor):
@@ -61,7 +68,7 @@ class Threads(ThreadPoolExecutor):
     """
 
     def __init__(self, workers: int | None = None, share: int = 1) -> None:
-        self._asked = stop = _Stop(getattr(_thread, "stop", None))
+        self._asked = stop = _Stop(_thread.stop)
 
         def begin() -> None:
             _thread.stop, _thread.share = stop, share
@@ -80,5 +87,5 @@ class Threads(ThreadPoolExecutor):
 
 def check_stop() -> None:
     """Raise InterruptedRun if the runs of this thread must stop."""
-    if getattr(_thread, "stop", None):
+    if _thread.stop:
         raise InterruptedRun
