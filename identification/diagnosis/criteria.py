@@ -198,8 +198,8 @@ def allowed_gap(fitted: FitResult, estimated: Sequence[bool]) -> float:
     return fitted.training_gap() * (1.0 + math.hypot(fitted.predictive_bound - 1.0, scatter))
 
 
-def fails_prediction(fitted: FitResult, estimated: Sequence[bool] = ()) -> bool:
-    """Whether a model that fits the training part fails on the held-out data.
+def fails_prediction(fitted: FitResult, estimated: Sequence[bool]) -> bool:
+    """Whether a model that fits the training part fails on the held-out data. estimated: see `allowed_gap`.
 
     A misspecified model never counts: near no mode of its own, it has no predictive distribution to compare with.
     """

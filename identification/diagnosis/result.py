@@ -26,7 +26,7 @@ from identification.diagnosis.selection.rigid_strings import ELASTIC_STRINGS
 from identification.diagnosis.uncertainty.detection_limits import DetectionLimit, compute_detection_limits
 from identification.diagnosis.uncertainty.intervals import Interval, compute_intervals
 from identification.experiment.experiment import Experiment
-from identification.inference.fit_result import FitResult
+from identification.inference.fit_result import FitResult, noise_is_estimated
 from identification.progress import Progress
 from identification.storage.files import write_file
 from identification.storage.toml_table import toml_key, toml_text
@@ -144,7 +144,7 @@ class Diagnosis:
     @property
     def gap_allowed(self) -> float:
         """The held-out gap that a right model with these uncertainties stays below in 99 of 100 experiments."""
-        return allowed_gap(self.last, [run.noise is None for run in self.experiment.runs])
+        return allowed_gap(self.last, noise_is_estimated(self.experiment))
 
     @functools.cached_property
     def parameters(self) -> dict[str, Interval]:

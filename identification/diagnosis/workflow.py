@@ -16,7 +16,7 @@ from identification.diagnosis.selection.fit_cache import FitCache
 from identification.diagnosis.selection.rigid_strings import choose_base_model, describe_removed_effects
 from identification.diagnosis.selection.searcher import Searcher
 from identification.experiment.experiment import Experiment
-from identification.inference.fit_result import FitResult, with_known_noise
+from identification.inference.fit_result import FitResult, noise_is_estimated, with_known_noise
 from identification.inference.linear_algebra import on_one_thread
 from identification.progress import Progress
 from identification.storage.lock import locks_output
@@ -77,7 +77,7 @@ def diagnose(
     """
     progress = progress or (lambda *_: None)
     experiment, left_out = without_clicks(experiment)
-    estimated = tuple(run.noise is None for run in experiment.runs)
+    estimated = noise_is_estimated(experiment)
     known = with_known_noise(experiment)
     store = FitCache.of(out, experiment, seed)
     searcher = Searcher(store, seed, workers, criteria)

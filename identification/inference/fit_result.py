@@ -35,6 +35,11 @@ _EXCESS = 4.0
 _LEAST_SAMPLE = 10.0
 
 
+def noise_is_estimated(experiment: Experiment) -> tuple[bool, ...]:
+    """Of each run, whether `with_known_noise` estimates its noise."""
+    return tuple(run.noise is None for run in experiment.runs)
+
+
 def with_known_noise(experiment: Experiment) -> Experiment:
     """State the noise of each run, by an estimate if needed: an inferred noise would hide a misfit.
 

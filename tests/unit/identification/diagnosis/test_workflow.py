@@ -148,9 +148,9 @@ def test_a_right_model_leaves_what_is_allowed_and_a_wrong_one_more(diagnosed):
 
 
 def test_what_was_held_out_refutes_a_wrong_model_near_the_noise(diagnosed):
-    assert fails_prediction(diagnosed.base) and not fails_prediction(diagnosed.last)
+    assert fails_prediction(diagnosed.base, [False]) and not fails_prediction(diagnosed.last, [False])
     far = SimpleNamespace(training_gap=lambda: 10.0, held_out_gap=lambda: 9.0, predictive_bound=1.1)
-    assert not fails_prediction(far)  # type: ignore[arg-type]
+    assert not fails_prediction(far, [False])  # type: ignore[arg-type]
 
 
 @pytest.mark.slow
