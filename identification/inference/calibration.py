@@ -17,13 +17,12 @@ from identification.inference.checkpoint import Chains, Checkpoint
 from identification.inference.contributions import measure_contributions
 from identification.inference.gap import Gap
 from identification.inference.laplace import laplace_approximation
-from identification.inference.least_squares import MIN_BOBS_WITH_IMPACT_ORDER, difference_jacobian
 from identification.inference.likelihood import Likelihood
 from identification.inference.linear_algebra import on_one_thread
 from identification.inference.mcmc import sample
 from identification.inference.mode_search import refit
 from identification.inference.noise_model import rms, typical
-from identification.inference.nonsmooth import wide_difference_jacobian
+from identification.inference.nonsmooth import jacobian_at_mode
 from identification.inference.normal_approximation import normal_approximation
 from identification.inference.posterior import Posterior
 from identification.inference.predictive_check import predictive_bound
@@ -167,9 +166,7 @@ def measure_gap(posterior: Posterior, options: SearchOptions = DEFAULT) -> Gap:
     by_bob = {part: _rms_by_bob(rows) for part, rows in raw.items() if rows}
     ratio = {part: rms(np.concatenate(rows)) if rows else np.nan for part, rows in scaled.items()}
     residuals = likelihood.residuals(point)
-    has_impact_order = full.experiment.cradle.bobs >= MIN_BOBS_WITH_IMPACT_ORDER
-    differentiate = wide_difference_jacobian if has_impact_order else difference_jacobian
-    J = differentiate(likelihood, point, residuals)
+    J = jacobian_at_mode(likelihood, point, residuals)
     inflation = max(full.noise_model.inflations)
     covariance = inflation * laplace_approximation(likelihood, point, J).covariance
     allowed = predictive_bound(likelihood, unseen, point, covariance, J, inflation, options)

@@ -22,10 +22,9 @@ import numpy as np
 
 from identification.experiment.run import Run
 from identification.inference.laplace import laplace_approximation
-from identification.inference.least_squares import MIN_BOBS_WITH_IMPACT_ORDER, difference_jacobian
 from identification.inference.likelihood import Likelihood
 from identification.inference.mode_search import refit
-from identification.inference.nonsmooth import wide_difference_jacobian
+from identification.inference.nonsmooth import jacobian_at_mode
 from identification.inference.normal_approximation import normal_approximation
 from identification.inference.search_options import DEFAULT, SearchOptions
 from identification.inference.source_combination import Combination, Source, SourceMode
@@ -176,9 +175,7 @@ def _modes(
     _, near = refit(weighted, point[places], options)
     residuals = [weighted.residuals(at) for at in (best.point, near)]
     squares = [float(np.sum(one**2)) / inflation for one in residuals]
-    has_impact_order = experiment.cradle.bobs >= MIN_BOBS_WITH_IMPACT_ORDER
-    differentiate = wide_difference_jacobian if has_impact_order else difference_jacobian
-    J = differentiate(weighted, near, residuals[1])
+    J = jacobian_at_mode(weighted, near, residuals[1])
     wide = inflation * laplace_approximation(weighted, near, J).covariance
     modes = [mode(best.point, best.covariance, squares[0]), mode(near, wide, squares[1])]
     least = min(squares)

@@ -17,7 +17,7 @@ from identification.experiment.noise import chi2_inflation, estimate_noise, nois
 from identification.experiment.train_test import training_rows
 from identification.inference.impact_order_noise import add_impact_order_noise
 from identification.inference.laplace import laplace_approximation
-from identification.inference.least_squares import MIN_BOBS_WITH_IMPACT_ORDER, chi2_scale
+from identification.inference.least_squares import chi2_scale, has_impact_order
 from identification.inference.likelihood import Likelihood
 from identification.inference.noise_model import rms
 from identification.inference.nonsmooth import wide_difference_jacobian, widest_steps
@@ -188,7 +188,7 @@ class FitResult:
         Impact-order noise is not inflated, since other misfits of the model do not make it larger.
         """
         smooth, inflation = self.laplace_covariance, self.effective_sample.inflation
-        if self.cradle.bobs < MIN_BOBS_WITH_IMPACT_ORDER:
+        if not has_impact_order(self.cradle):
             return inflation * smooth
         return add_impact_order_noise(self.likelihood, self.point, self.jacobian, smooth, inflation)
 

@@ -15,7 +15,7 @@ import numpy as np
 from cradle_env.threads import in_threads
 from identification.inference.impossible_model import ImpossibleModelError
 from identification.inference.laplace import Mode, laplace_approximation
-from identification.inference.least_squares import MIN_BOBS_WITH_IMPACT_ORDER, Misfit, bounds, difference_steps
+from identification.inference.least_squares import Misfit, bounds, difference_steps, has_impact_order
 from identification.inference.likelihood import Likelihood
 from identification.inference.low_rank_noise import LowRankNoise
 from identification.inference.nonsmooth import (
@@ -62,7 +62,7 @@ def estimate_impact_order_noise(
     White noise and jumps together have the covariance σ² I + g² Σ dᵢ dᵢᵀ/K, of K jumps dᵢ, with the factor g of
     `options`. With fewer than three bobs no order can change, and both stay as they are.
     """
-    if likelihood.experiment.cradle.bobs < MIN_BOBS_WITH_IMPACT_ORDER:
+    if not has_impact_order(likelihood.experiment.cradle):
         return likelihood, mode
     point = descend_among_kappa_modes(likelihood, descend(likelihood, mode.point, options=options), options)
     J = wide_difference_jacobian(likelihood, point, likelihood.residuals(point))

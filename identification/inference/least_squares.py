@@ -9,6 +9,7 @@ from typing import Protocol
 import numpy as np
 from scipy.optimize import least_squares
 
+from cradle_env.cradle import Cradle
 from cradle_env.threads import each_in_threads, in_threads
 from identification.experiment.experiment import Experiment
 from identification.inference.impossible_model import ImpossibleModelError
@@ -17,8 +18,6 @@ from identification.inference.unknowns import Unknown
 
 #: Residual [sigma] of every reading at an impossible point: no descent accepts a step there.
 _IMPOSSIBLE_RESIDUAL = 1e4
-#: Number of bobs from which on the order of two impacts can change, so that predicted readings jump.
-MIN_BOBS_WITH_IMPACT_ORDER = 3
 #: Difference step of an unknown that is sampled as its logarithm: 0.01 %.
 _LOG_STEP = 1e-4
 #: Difference step of an unknown with a normal prior, in its standard deviations.
@@ -41,6 +40,11 @@ class Misfit(Protocol):
     def residuals(self, point: np.ndarray) -> np.ndarray:
         """Residuals (R + P,) at a point (D,); ImpossibleModelError if no motion is possible."""
         ...
+
+
+def has_impact_order(cradle: Cradle) -> bool:
+    """Whether the order of two impacts can change, so that predicted readings jump: with three bobs or more."""
+    return cradle.bobs >= 3
 
 
 def bounds(likelihood: Misfit) -> tuple[np.ndarray, np.ndarray]:
@@ -206,7 +210,7 @@ class _Descent:
     def _broyden_update(self, point: np.ndarray, value: np.ndarray) -> np.ndarray | None:
         """The last Jacobian, corrected in the direction of the step; None if its prediction error is too large."""
         assert self._linearization is not None
-        if self.likelihood.experiment.cradle.bobs >= MIN_BOBS_WITH_IMPACT_ORDER:
+        if has_impact_order(self.likelihood.experiment.cradle):
             return None
         last, before, J = self._linearization
         step, change = point - last, value - before

@@ -13,11 +13,11 @@ from identification.inference.click_likelihood import LEAST_WEIGHT
 from identification.inference.impossible_model import ImpossibleModelError
 from identification.inference.laplace import Mode, laplace_approximation
 from identification.inference.least_squares import (
-    MIN_BOBS_WITH_IMPACT_ORDER,
     bounds,
     chi2_scale,
     cost,
     difference_jacobian,
+    has_impact_order,
     refine,
     refine_each,
 )
@@ -104,7 +104,7 @@ def find_mode(
         likelihood, point = refit(tracked, point, options)
     J = difference_jacobian(likelihood, point, likelihood.residuals(point))
     mode = laplace_approximation(likelihood, point, J)
-    if "kappa" in likelihood.names and likelihood.experiment.cradle.bobs < MIN_BOBS_WITH_IMPACT_ORDER:
+    if "kappa" in likelihood.names and not has_impact_order(likelihood.experiment.cradle):
         report("search", 0.93, "other modes of κ that may be right")
         mode = _with_rivals(likelihood, mode, options)
     return likelihood, mode

@@ -16,12 +16,13 @@ import numpy as np
 
 from cradle_env.threads import in_threads
 from identification.inference.least_squares import (
-    MIN_BOBS_WITH_IMPACT_ORDER,
     Misfit,
     bounds,
     chi2_scale,
     cost,
+    difference_jacobian,
     difference_steps,
+    has_impact_order,
     residuals_or_penalty,
 )
 from identification.inference.likelihood import Likelihood
@@ -89,6 +90,12 @@ def wide_difference_jacobian(
     return J
 
 
+def jacobian_at_mode(likelihood: Misfit, point: np.ndarray, residuals: np.ndarray) -> np.ndarray:
+    """Derivatives of the residuals (R, D) at a mode: by wide differences where readings jump."""
+    is_nonsmooth = has_impact_order(likelihood.experiment.cradle)
+    return (wide_difference_jacobian if is_nonsmooth else difference_jacobian)(likelihood, point, residuals)
+
+
 def _wide_difference(
     likelihood: Misfit, point: np.ndarray, i: int, length: int, sigma: float, widths: np.ndarray
 ) -> np.ndarray:
@@ -133,7 +140,7 @@ def descend(
     model is descended only while χ² falls fast. With fewer than three bobs the misfit is smooth, and the point stays;
     `thorough` drops both rules. rounds: at most, those of `options` if omitted. widths: see `wide_difference_jacobian`.
     """
-    if likelihood.experiment.cradle.bobs < MIN_BOBS_WITH_IMPACT_ORDER and not thorough:
+    if not has_impact_order(likelihood.experiment.cradle) and not thorough:
         return point
     widths, last = widest_steps(likelihood) if widths is None else widths.copy(), math.inf
     for _ in range(options.descent_rounds if rounds is None else rounds):

@@ -26,12 +26,12 @@ from identification.diagnosis.criteria import (
     SAME_BASIN,
 )
 from identification.inference.least_squares import (
-    MIN_BOBS_WITH_IMPACT_ORDER,
     Misfit,
     bounds,
     chi2_scale,
     cost,
     difference_jacobian,
+    has_impact_order,
     refine_each,
 )
 from identification.inference.likelihood import Likelihood
@@ -67,7 +67,7 @@ class EarlyMisfit:
 
 
 def _is_smooth(likelihood: Likelihood) -> bool:
-    return likelihood.experiment.cradle.bobs < MIN_BOBS_WITH_IMPACT_ORDER
+    return not has_impact_order(likelihood.experiment.cradle)
 
 
 def horizons(likelihood: Likelihood) -> list[float]:

@@ -22,8 +22,8 @@ from identification.diagnosis.uncertainty.conditional_likelihood import Conditio
 from identification.inference.fit_result import FitResult
 from identification.inference.impact_order_noise import impact_order_chi2
 from identification.inference.laplace import laplace_approximation
-from identification.inference.least_squares import MIN_BOBS_WITH_IMPACT_ORDER, bounds, difference_jacobian
-from identification.inference.nonsmooth import wide_difference_jacobian
+from identification.inference.least_squares import bounds, has_impact_order
+from identification.inference.nonsmooth import jacobian_at_mode
 
 #: Ratio of a parameter's values from the mode to the first rung of the ladder.
 _RATIO = 1.5
@@ -75,7 +75,7 @@ def _modes_along(fitted: FitResult, i: int, chance: float) -> np.ndarray:
         np.clip((rungs[:, -1] - fitted.chi2) / fitted.effective_sample.inflation, 0.0, _IMPOSSIBLE),
     )
     single, enough = (float(chi2_distribution.isf(chance / n, 1)) for n in (1, len(rungs)))
-    if fitted.cradle.bobs >= MIN_BOBS_WITH_IMPACT_ORDER:
+    if has_impact_order(fitted.cradle):
         jumps = impact_order_chi2(
             fitted.likelihood,
             fitted.point,
@@ -91,11 +91,8 @@ def _modes_along(fitted: FitResult, i: int, chance: float) -> np.ndarray:
     def with_widths(mode: tuple[np.ndarray, float]) -> np.ndarray:
         point, room = mode
         there, others = ConditionalLikelihood(fitted.likelihood, i, point[i]), np.delete(point, i)
-        derivatives = (
-            wide_difference_jacobian if fitted.cradle.bobs >= MIN_BOBS_WITH_IMPACT_ORDER else difference_jacobian
-        )
         covariance = laplace_approximation(
-            there, others, derivatives(there, others, there.residuals(others))
+            there, others, jacobian_at_mode(there, others, there.residuals(others))
         ).covariance
         widths = np.sqrt(min(room, single) * fitted.effective_sample.inflation * np.diag(covariance))
         return np.concatenate([point, np.insert(widths, i, 0.0)])

@@ -32,7 +32,7 @@ from identification.diagnosis.uncertainty.profile_likelihood import REFIT_EVALUA
 from identification.inference import impact_order_noise
 from identification.inference.fit_result import FitResult
 from identification.inference.impossible_model import ImpossibleModelError
-from identification.inference.least_squares import MIN_BOBS_WITH_IMPACT_ORDER, bounds, cost, refine
+from identification.inference.least_squares import bounds, cost, has_impact_order, refine
 from identification.inference.likelihood import Likelihood
 from identification.inference.linear_algebra import on_one_thread
 from identification.inference.nonsmooth import column_norms, descend
@@ -212,7 +212,7 @@ def _nonsmooth_rounds(fitted: FitResult, one: _LinearLimit, limit: float) -> int
     Rounds are needed where readings jump with the order of impacts, with three bobs or more.
     """
     several, most = (
-        fitted.cradle.bobs >= MIN_BOBS_WITH_IMPACT_ORDER,
+        has_impact_order(fitted.cradle),
         _MAX_NONLINEAR_CHI2 * fitted.effective_sample.inflation,
     )
     try:

@@ -14,7 +14,7 @@ from identification.diagnosis.uncertainty.alternative_modes import find_alternat
 from identification.diagnosis.uncertainty.conditional_likelihood import refit_others
 from identification.diagnosis.uncertainty.profile_likelihood import REFIT_EVALUATIONS, find_profile_end
 from identification.inference.fit_result import FitResult
-from identification.inference.least_squares import MIN_BOBS_WITH_IMPACT_ORDER, bounds
+from identification.inference.least_squares import bounds, has_impact_order
 from identification.inference.linear_algebra import on_one_thread
 
 #: Probabilities below the median and below the two ends of an interval.
@@ -46,7 +46,7 @@ def compute_intervals(fitted: FitResult, cache: PointCache = compute_uncached) -
     deviations = np.sqrt(np.maximum(np.diag(fitted.covariance), 1e-300))
     others, widths = find_alternative_modes(fitted, 2.0 * _QUANTILES[1], cache)
     smooth, shapes = (
-        fitted.cradle.bobs < MIN_BOBS_WITH_IMPACT_ORDER and not fitted.has_learned_law,
+        not has_impact_order(fitted.cradle) and not fitted.has_learned_law,
         shape_unknowns(fitted),
     )
     followed = [i for i, u in enumerate(fitted.likelihood.unknowns) if smooth and not u.nuisance and i not in shapes]
