@@ -26,9 +26,11 @@ demo: $(VENV)/.installed
 	$(BIN)/python examples/demo.py
 
 test: $(VENV)/.installed-dev
+	@$(BIN)/cradle warmup
 	$(PYTEST)
 
 slow: $(VENV)/.installed-dev
+	@$(BIN)/cradle warmup
 	$(PYTEST) -m slow
 
 fuzz: $(VENV)/.installed-dev
@@ -57,10 +59,11 @@ $(VENV)/.installed: pyproject.toml | $(BIN)/python
 	@$(BIN)/cradle warmup
 	@touch $@
 
+# Kernels are compiled where tests begin, beside lint if that runs, and once for all workers. A demo after lint alone
+# compiles what it needs.
 $(VENV)/.installed-dev: pyproject.toml | $(BIN)/python
 	@echo "Installing newtons-cradle and its test tools into $(VENV) (a minute or two, once)"
 	@$(INSTALL) '.[dev]'
-	@$(BIN)/cradle warmup
 	@touch $(VENV)/.installed $@
 
 $(VENV)/.installed-docs: pyproject.toml | $(BIN)/python
