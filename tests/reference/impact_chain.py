@@ -34,7 +34,11 @@ def collide(bobs, speed, k_f, k_el=K_EL, mass=MASS):
         """What the first contact would push with, over √overlap, if it could also pull."""
         return k_el * (y[0] - y[1]) + k_f * (y[bobs] - y[bobs + 1])
 
-    push.direction = -1.0
-    span = (0.0, 40.0 * scale)
-    found = solve_ivp(slope, span, start, "DOP853", rtol=1e-10, atol=1e-16, max_step=scale / 40, events=push)
+    def last(_, y):
+        """Falls below zero when all are apart, and none goes after another."""
+        return 1.0 if (np.diff(y[:bobs]) <= 0.0).any() or (np.diff(y[bobs:]) < 0.0).any() else -1.0
+
+    push.direction, last.terminal = -1.0, True
+    span, events = (0.0, 40.0 * scale), (push, last)
+    found = solve_ivp(slope, span, start, "DOP853", rtol=1e-10, atol=1e-16, max_step=scale / 40, events=events)
     return found.y[bobs:, -1], float(found.t_events[0][0])

@@ -114,7 +114,7 @@ def test_k_f_from_durations(tmp_path):
     """Contacts that SciPy integrates, at 1 GS/s, speeds known to 0.02 %: k_f within 4 standard deviations."""
     k_f, rate, rng = 18000.0, 1e9, np.random.default_rng(4)
     files, speeds = [], []
-    for k, speed in enumerate((0.15, 0.25, 0.4, 0.6, 0.9)):
+    for k, speed in enumerate((0.15, 0.4, 0.9)):
         length = collide(2, speed, k_f)[1] * rate
         volts = trace([(0, 5000, 5000 + round(length))], 1, 10000 + round(length), noise=0.005, rate=rate, seed=k)
         files.append(tmp_path / f"{k}.npy")
