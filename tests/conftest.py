@@ -15,8 +15,10 @@ def pytest_configure():
         os.sched_setaffinity(0, {cores[int(worker.removeprefix("gw")) % len(cores)]})
 
 
-@pytest.fixture
-def small_grid(monkeypatch):
-    """Few planned runs, for tests in which it does not matter which is best."""
-    for name, values in (("_ANGLES", (0.1, 0.2)), ("_DELTAS", (0.0,)), ("_DURATIONS", (8.0, 16.0))):
-        monkeypatch.setattr(run_grid, name, values)
+@pytest.fixture(scope="module")
+def small_grid():
+    """Few planned runs, from its first use to the end of a module in which it does not matter which is best."""
+    with pytest.MonkeyPatch.context() as patch:
+        for name, values in (("_ANGLES", (0.1, 0.2)), ("_DELTAS", (0.0,)), ("_DURATIONS", (8.0, 16.0))):
+            patch.setattr(run_grid, name, values)
+        yield

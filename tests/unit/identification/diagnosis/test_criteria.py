@@ -5,6 +5,7 @@ from types import SimpleNamespace
 
 import pytest
 
+from cradle_env import effects
 from identification import Experiment, diagnose
 from identification.diagnosis.criteria import DEFAULT_CRITERIA, Criteria, may_hold_faults, only_noise
 from identification.diagnosis.data_checks.readings import check_readings
@@ -53,7 +54,10 @@ def dragged(tmp_path_factory):
     return Experiment.load(write_experiment(folder, [recording], stated={"kappa": 187.0, "b": 0.0023}))
 
 
-def test_the_verdict_depends_on_the_level_of_significance(dragged, tmp_path):
+def test_the_verdict_depends_on_the_level_of_significance(dragged, tmp_path, small_grid, monkeypatch):
+    """With but one more effect in the catalogue, which is fitted beside it."""
+    kept = ("quadratic_drag", "exposure_blur", *effects.MODELS["nsp"], *(e.name for e in effects.LEARNED))
+    monkeypatch.setattr(effects, "_EFFECTS", {name: effects.effect(name) for name in kept})
     named = diagnose(dragged, out=tmp_path)
     assert named.verdict == "named" and named.effects == ("quadratic_drag",) and named.warnings == ()
     # At a level above its p, what the named effect leaves counts as more than noise, and the name is taken back.
