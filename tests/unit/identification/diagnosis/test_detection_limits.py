@@ -27,7 +27,8 @@ def examined(folder, hidden: dict, seed: int = 3, bobs: int = 2, noise: float = 
     recording = record(cradle, {bobs: 0.2}, duration=30.0, seed=seed, noise=noise)
     searcher = Searcher(FitCache(None, ""), 0, None)
     path = write_experiment(folder, [recording], stated={"kappa": 187.0, "b": 0.0023})
-    return examine(searcher.fit_global(with_known_noise(Experiment.load(path))), 0, (False,))
+    truth = {"kappa": 190.0, "k_f": 18000.0, "b": B}
+    return examine(fit_near(searcher, with_known_noise(Experiment.load(path)), truth), 0, (False,))
 
 
 @pytest.fixture(scope="module")

@@ -12,6 +12,7 @@ from identification.diagnosis.selection.fit_cache import FitCache
 from identification.diagnosis.selection.searcher import Searcher
 from identification.experiment.experiment import Experiment
 from identification.inference.fit_result import with_known_noise
+from studies.diagnosis.study import fit_near
 from tests.fragment import Fragment
 from tests.synthetic import simulated_run
 
@@ -25,9 +26,9 @@ def diagnoses():
     dragged = Cradle(bobs=2, effects={"quadratic_drag": {"c2": C2}})
     experiment = Experiment(Cradle(bobs=2), (simulated_run(dragged, duration=12.0, file=EVIL),))
     searcher = Searcher(FitCache(None, ""), 0, None)
-    before = examine(searcher.fit_global(with_known_noise(experiment)), 0, (False,))
+    before = examine(fit_near(searcher, with_known_noise(experiment), {}), 0, (False,))
     model = with_effects(before.fitted.experiment, {"quadratic_drag": {"c2": 0.01}})
-    after = examine(searcher.fit_global(model), 0, (False,))
+    after = examine(fit_near(searcher, model, {}), 0, (False,))
     step = Step("quadratic_drag", before.fitted, after.fitted, 0.9987)
     found = RepairResult((before, after), (step,))
     nothing = RepairResult((after,))

@@ -26,6 +26,7 @@ from identification.diagnosis.selection.searcher import Searcher
 from identification.inference.fit_result import with_known_noise
 from identification.storage.schema import check_schema
 from identification.storage.stamps import write_results
+from studies.diagnosis.study import fit_near
 from tests.reference.laboratory import record, write_experiment
 from tests.reference.soft_contact import SoftCradle
 from tests.synthetic import fit_with
@@ -43,9 +44,9 @@ def written(folder, hidden):
 
 
 def fitted(path, *names):
-    """The model as stated, or with an effect each, fitted to all of an experiment."""
+    """The model as stated, or with an effect each, fitted to all of an experiment from where the truth is."""
     searcher = Searcher(FitCache(None, ""), 0, 1)
-    base = searcher.fit_global(with_known_noise(Experiment.load(path)))
+    base = fit_near(searcher, with_known_noise(Experiment.load(path)), TRUTH)
     models = [fit_with(searcher, base, name) for name in names] or [base]
     return [searcher.fit_all_data(model) for model in models]
 

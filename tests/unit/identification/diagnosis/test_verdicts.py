@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 
 from cradle_env import Cradle, Release
+from identification.diagnosis.selection.searcher import refine_to_mode
 from identification.experiment.experiment import Experiment
 from identification.experiment.run import ReleaseInfo, Run
 from identification.inference.calibration import measure_gap
 from identification.inference.convergence import Convergence
 from identification.inference.gap import Gap
 from identification.inference.likelihood import Likelihood
-from identification.inference.mode_search import find_mode
 from identification.inference.posterior import Posterior
 from identification.inference.unknowns import model_unknowns
 from identification.reporting.verdicts import model_verdict
@@ -33,9 +33,10 @@ def filmed(angle: float, stated: float, seed: int, noise: float | None = NOISE, 
 
 
 def measured(*runs: Run) -> Posterior:
-    """With the gaps of a posterior about the mode, of which they see nothing but the best point."""
+    """With the gaps of a posterior about the mode, of which they see nothing but the best point. The truth is stated:
+    the mode beside it is the best."""
     likelihood = Likelihood(Experiment(Cradle(bobs=2, **TRUTH), runs))
-    chain = np.tile(find_mode(likelihood)[1].point, (2, 1, 1, 1))
+    chain = np.tile(refine_to_mode(likelihood, likelihood.start()), (2, 1, 1, 1))
     never = Convergence(False, 2.0, 1.0, 1.0, 1, 0)
     posterior = Posterior(likelihood, chain, np.zeros(chain.shape[:3]), None, never, Gap(np.nan, np.nan))
     return dataclasses.replace(posterior, gap=measure_gap(posterior))
