@@ -1,6 +1,7 @@
 """What jumps of the readings leave open: on residuals written down here, and on five bobs of the soft reference."""
 
 import dataclasses
+import functools
 import math
 
 import numpy as np
@@ -151,18 +152,25 @@ def test_jumps_once_known_leave_a_density_that_can_be_sampled(jumpiest):
     assert deviations[plain.names.index("kappa")] < 1e-3
 
 
-def test_two_bobs_have_no_order_to_flip(tmp_path):
-    found, _ = nothing_hidden(tmp_path, "00-nothing-2")
+@pytest.fixture(scope="module")
+def fitted(tmp_path_factory):
+    """The fit to a case of the study, made once."""
+    folder = tmp_path_factory.mktemp("cases")
+    return functools.cache(lambda name: nothing_hidden(folder / name, name)[0])
+
+
+def test_two_bobs_have_no_order_to_flip(fitted):
+    found = fitted("00-nothing-2")
     mode = laplace_approximation(found.likelihood, found.point, found.jacobian)
     known, same = estimate_impact_order_noise(found.likelihood, mode)
     assert known is found.likelihood and same is mode
 
 
-def test_where_readings_are_smooth_nothing_is_added(tmp_path):
+@pytest.mark.parametrize("name", ["00-nothing-2", pytest.param("00-nothing-7", marks=pytest.mark.slow)])
+def test_where_readings_are_smooth_nothing_is_added(fitted, name):
     """Two bobs, and one of whom k_f says nothing."""
-    for name in ("00-nothing-2", "00-nothing-7"):
-        found, _ = nothing_hidden(tmp_path / name, name)
-        J = found.jacobian
-        smooth = np.sqrt(np.diag(np.linalg.pinv(J.T @ J)))
-        # What bends in the third order adds least where the data are good; 1 % of an sd would change no figure.
-        np.testing.assert_allclose(np.sqrt(np.diag(found.covariance)), smooth, rtol=1e-2)
+    found = fitted(name)
+    J = found.jacobian
+    smooth = np.sqrt(np.diag(np.linalg.pinv(J.T @ J)))
+    # What bends in the third order adds least where the data are good; 1 % of an sd would change no figure.
+    np.testing.assert_allclose(np.sqrt(np.diag(found.covariance)), smooth, rtol=1e-2)

@@ -23,30 +23,41 @@ def swing() -> Experiment:
 
 
 @pytest.fixture(scope="module")
-def plain(swing):
+def folder(tmp_path_factory):
+    return tmp_path_factory.mktemp("plain")
+
+
+@pytest.fixture(scope="module")
+def plain(swing, folder):
     """Its posterior by a calibration without options."""
-    return calibrate(swing, steps=60)
+    return calibrate(swing, out=folder, steps=50)
+
+
+@pytest.fixture(scope="module")
+def other(swing):
+    """Its posterior by a calibration with several."""
+    options = SearchOptions(move_weights=(0.0, 0.8, 0.2), predictive_chance=0.2, min_ess=1e6)
+    return calibrate(swing, steps=50, search=options)
 
 
 def test_the_defaults_are_those_of_a_calibration_without_options(swing, plain):
-    stated = calibrate(swing, steps=60, search=SearchOptions())
+    stated = calibrate(swing, steps=50, search=SearchOptions())
     assert np.array_equal(stated.chain, plain.chain)  # bit for bit: the same computation
     assert np.array_equal(stated.log_density, plain.log_density)
     assert (stated.gap.train, stated.gap.held_out) == (plain.gap.train, plain.gap.held_out)
     assert stated.gap.allowed == plain.gap.allowed
 
 
-def test_other_moves_make_another_chain(swing, plain):
-    other = calibrate(swing, steps=60, search=SearchOptions(move_weights=(0.0, 0.8, 0.2)))
+def test_other_moves_make_another_chain(plain, other):
     assert not np.array_equal(other.chain, plain.chain)
 
 
-def test_a_larger_chance_lowers_the_bound_of_the_held_out_gap(swing, plain):
-    assert calibrate(swing, steps=60, search=SearchOptions(predictive_chance=0.2)).gap.allowed < plain.gap.allowed
+def test_a_larger_chance_lowers_the_bound_of_the_held_out_gap(plain, other):
+    assert other.gap.allowed < plain.gap.allowed
 
 
-def test_stricter_criteria_are_those_that_the_verdict_states(swing):
-    strict = calibrate(swing, steps=60, search=SearchOptions(min_ess=1e6)).convergence
+def test_stricter_criteria_are_those_that_the_verdict_states(other):
+    strict = other.convergence
     assert not strict.converged
     assert any("wanted at least 1000000" in reason for reason in strict.reasons)
 
@@ -63,10 +74,9 @@ def test_the_search_draws_as_many_points_as_the_options_say(swing, draws):
     assert abs(np.log(found.values(mode.point)["b"] / 0.01)) < 4.0 * np.sqrt(mode.covariance[0, 0])
 
 
-def test_chains_of_other_options_are_not_resumed(swing, tmp_path):
-    calibrate(swing, out=tmp_path, steps=60)
+def test_chains_of_other_options_are_not_resumed(swing, plain, folder):
     with pytest.raises(ValueError, match="other search options"):
-        calibrate(swing, out=tmp_path, steps=80, search=SearchOptions(overdispersion=2.0))
+        calibrate(swing, out=folder, steps=80, search=SearchOptions(overdispersion=2.0))
 
 
 @pytest.mark.parametrize(
@@ -87,6 +97,6 @@ def test_impossible_options_are_refused(options):
         SearchOptions(**options)
 
 
-@pytest.mark.parametrize("module", [search_options, calibration])
+@pytest.mark.parametrize("module", [search_options, pytest.param(calibration, marks=pytest.mark.slow)])
 def test_the_examples_run(module):
     assert doctest.testmod(module).failed == 0
