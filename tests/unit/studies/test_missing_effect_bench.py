@@ -276,6 +276,7 @@ def test_nothing_is_discovered_where_nothing_is():
     assert discover(pendulum({}), prior(1))[NOTHING] == 1.0 - Q
 
 
+@pytest.mark.slow
 def test_false_discoveries_are_as_rare_as_is_said():
     """In white noise any discovery is false: of 1000 draws Q have one, to 4 standard deviations of a count."""
     fitted: Any = SimpleNamespace(count=400, noise_inflation=1.0)

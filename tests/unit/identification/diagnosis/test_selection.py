@@ -99,6 +99,7 @@ def test_horizons_grow_and_end_before_the_data(bobs, growth):
     assert found[-1] < LAST_SHARE * (2.0 / 3.0) * 20.0 / cradle.period < growth * found[-1]
 
 
+@pytest.mark.slow
 def test_the_mode_of_five_unequal_gaps_is_found(tmp_path):
     """With horizons that double, and 6 evaluations over each, χ² ended 270 units above that reached from the truth."""
     offsets = 4e-4 * np.random.default_rng(4).standard_normal(4)

@@ -45,6 +45,7 @@ def test_the_covariance_covers_other_modes_of_kappa():
     assert abs(error) < 2.5 * sd < 0.15
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("stated", [200.0, 270.0])
 def test_the_mode_of_a_film_of_three_bobs_is_found(stated):
     """The readings of a film: much about the camera and the release is uncertain, and the noise is not stated. Without
@@ -76,8 +77,10 @@ def test_the_mode_of_a_film_of_three_bobs_is_found(stated):
     [
         (3, 0.047539905551117353, {3: 0.16739314615635392}, 120.0, 10.0,
          {"k_f": 17267.017011376647, "kappa": 185.64784546546978, "b": 1.3882045728738407e-3}, 1247),
-        (4, 0.007977646491890566, {1: -0.12159353700799272}, 60.0, 20.0,
-         {"k_f": 22602.944593952805, "kappa": 215.05770623965418, "b": 1.6778581958187312e-3}, 1572),
+        pytest.param(
+            4, 0.007977646491890566, {1: -0.12159353700799272}, 60.0, 20.0,
+            {"k_f": 22602.944593952805, "kappa": 215.05770623965418, "b": 1.6778581958187312e-3}, 1572,
+            marks=pytest.mark.slow),
     ],
 )  # fmt: skip
 def test_the_mode_of_many_bobs_is_followed_from_the_first_swings(

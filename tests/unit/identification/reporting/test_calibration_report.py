@@ -72,9 +72,9 @@ class Page(html.parser.HTMLParser):
         assert self.open.pop() == tag
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", [pytest.param(KINDS[0], marks=pytest.mark.slow), *KINDS[1:]])
 def test_pictures_and_report_of_any_experiment(kind, tmp_path, monkeypatch):
-    monkeypatch.setattr(Posterior.newton_exponent, "__defaults__", (20,))  # draws for a λ that did not come along
+    monkeypatch.setattr(Posterior.newton_exponent, "__defaults__", (8,))  # draws for a λ that did not come along
     posterior = made_up_posterior(experiment(kind), steps=20)
     summary = result_files.save_calibration(posterior, tmp_path)
     page = Page((tmp_path / "report.html").read_text(encoding="utf-8"))
@@ -131,7 +131,9 @@ def test_an_inferred_delta_is_told_by_its_median(bobs, asked):
     assert told in title
 
 
-@pytest.mark.parametrize(("gap", "converged"), [(1.02, True), (3.1, True), (1.02, False), (3.1, False)])
+@pytest.mark.parametrize(
+    ("gap", "converged"), [(1.02, True), (3.1, True), (1.02, False), pytest.param(3.1, False, marks=pytest.mark.slow)]
+)
 def test_the_report_says_first_whether_to_trust_it(gap, converged, tmp_path):
     posterior = made_up_posterior(experiment("one bob"), converged=converged, gap=Gap(1.0, gap))
     result_files.save_calibration(posterior, tmp_path)
