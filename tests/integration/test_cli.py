@@ -433,7 +433,7 @@ def test_new_writes_an_experiment_and_does_not_overwrite_it(pair, tmp_path, caps
 def test_calibrate_from_end_to_end_with_one_bob(tmp_path, capsys):
     """An unconverged chain is kept, with status 1 and the reason; the same command goes on to the asked total."""
     cradle = Cradle(bobs=1, model="pendulum")
-    path = Experiment(cradle, (simulated_run(cradle, duration=8.0),)).save(tmp_path)
+    path = Experiment(cradle, (simulated_run(cradle, duration=3.0),)).save(tmp_path)
     out = tmp_path / "out"
     assert run("calibrate", path, "--out", out, "--steps", 50) == 1
     assert "have not converged" in capsys.readouterr().err
@@ -446,7 +446,7 @@ def test_calibrate_from_end_to_end_with_one_bob(tmp_path, capsys):
     assert list(json.loads((out / "summary.json").read_text())["parameters"]) == ["b"]
 
 
-@pytest.mark.parametrize("converged", [True, False])
+@pytest.mark.parametrize("converged", [pytest.param(True, marks=pytest.mark.slow), False])
 def test_calibrate_ends_as_the_chains_do(converged, pair, tmp_path, monkeypatch, capsys):
     from identification.inference import calibration
 

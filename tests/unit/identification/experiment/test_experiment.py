@@ -415,7 +415,7 @@ def test_the_files_that_are_to_be_broken_load(load):
             load(toml, csv)
 
 
-@settings(max_examples=400, deadline=None, derandomize=True, suppress_health_check=[HealthCheck.too_slow])
+@settings(max_examples=200, deadline=None, derandomize=True, suppress_health_check=[HealthCheck.too_slow])
 @given(files())
 def test_nothing_but_a_refusal_comes_out_of_broken_files(tmp_path_factory, contents):
     folder = tmp_path_factory.getbasetemp() / "fuzz"

@@ -284,7 +284,7 @@ def dressed(draw):
     return strict, text.encode(draw(st.sampled_from(encodings)))
 
 
-@settings(max_examples=300, deadline=None, derandomize=True)
+@settings(max_examples=150, deadline=None, derandomize=True)
 @given(dressed())
 def test_a_strict_table_in_other_clothes_keeps_its_numbers(tmp_path_factory, tables):
     folder = tmp_path_factory.getbasetemp()

@@ -6,6 +6,7 @@ import sys
 
 import numpy as np
 import pytest
+from matplotlib import get_cachedir
 
 from cradle_env import Cradle, display
 from identification.experiment.experiment import Experiment
@@ -117,7 +118,8 @@ def test_no_notice_of_arviz_reaches_the_user(use, tmp_path):
         capture_output=True,
         text=True,
         timeout=300.0,
-        env={**os.environ, "XDG_CACHE_HOME": str(tmp_path), "HOME": str(tmp_path)},
+        # Matplotlib keeps its list of fonts, which takes seconds to make.
+        env={**os.environ, "XDG_CACHE_HOME": str(tmp_path), "HOME": str(tmp_path), "MPLCONFIGDIR": get_cachedir()},
     )
     assert run.returncode == 0, run.stderr
     assert "ArviZ" not in run.stderr and "FutureWarning" not in run.stderr
