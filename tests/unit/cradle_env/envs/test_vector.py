@@ -565,8 +565,8 @@ def test_memory_does_not_grow(kind: str) -> None:
 
     run(5_000)
     before = resident()
-    run(25_000 // (2 if kind == "vector" else 1))
-    # 200 bytes a step of each; an info kept of every step would be 5 times as much.
+    run(50_000 // (2 if kind == "vector" else 1))
+    # 100 bytes a step of each; an info kept of every step would be 10 times as much.
     assert resident() - before < 5e6
 
 
