@@ -32,7 +32,6 @@ def main() -> None:
     assert Path(cradle_env.__file__).is_relative_to(sys.prefix), f"{cradle_env.__file__} is not the installed package"
     assert cradle_env.__version__ == metadata.version("newtons-cradle")
     experiment = Path(sys.argv[1])
-    cradle("warmup")
     env = gym.make("NewtonCradle-v0")
     env.reset(seed=0)
     observation, *_ = env.step(env.action_space.sample())
