@@ -175,9 +175,9 @@ def limited(arguments, folder, blocks):
 
 
 def test_a_full_disk_is_told_in_a_line_and_left_behind(tmp_path):
-    arguments = ["sweep", "--over", "beta=0.1:0.3:600", "--bobs", "1", "--quantity", "impacts", "--duration", "0.5"]
+    arguments = ["sweep", "--over", "beta=0.1:0.3:150", "--bobs", "1", "--quantity", "impacts", "--duration", "0.5"]
     arguments += ["--out", "out"]
-    status, said = limited(arguments, tmp_path, 4)
+    status, said = limited(arguments, tmp_path, 1)
     assert status == 1 and said.count("\n") == 1, said
     assert "no space left in out" in said and "the same command goes on" in said
     assert limited(arguments, tmp_path, 0)[0] == 0

@@ -31,6 +31,7 @@ def test_no_constant_comes_near_the_threshold(name: str) -> None:
     assert found["constant δ"] < 0.67 * threshold < threshold < max(found.values())
 
 
+@pytest.mark.slow
 def test_a_plan_beats_a_constant() -> None:
     fixed = play("NewtonCradleHard-v0", constant(np.zeros(1)), 1, seed=5)
     assert plan("NewtonCradleHard-v0", seed=5) > fixed[0]
