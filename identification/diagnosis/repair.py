@@ -1,8 +1,8 @@
 """From the base model to the one with what is missing: a search by evidence, and the tests that can refute it.
 
 1. `ModelSearch` finds the set of effects with the most evidence.
-2. If that leaves more than noise, or has two effects or more, a law learned from the base competes with it, by the same
-   evidence.
+2. If that is no single effect that leaves hardly more than noise, a law learned from the base competes with it, by the
+   same evidence.
 3. Held-out data can refute names, but choose none.
 4. If the model that is left leaves more than noise, a law describes what is left.
 """
@@ -129,7 +129,8 @@ def repair(
     path = [Visit("the base model", base.fitted, base.p)]
     path += [Visit(f"compared, {i} more", r.before.fitted, None, r) for i, r in enumerate(search.rounds, 1)]
     law, law_odds = None, -math.inf
-    if last.significant or len(best.effects) > 1:
+    doubtful = bool(best.names) and not (search.is_settled(best) and len(best.effects) == 1)
+    if last.significant or doubtful:
         law = learn_law(base.fitted, searcher, progress, None if last.significant else last.fitted)
     if law is not None:
         law_odds = _law_log_odds(law, search, best)

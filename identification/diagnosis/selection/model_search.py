@@ -115,7 +115,7 @@ class ModelSearch:
             if chosen is None:
                 break
             best = chosen
-            front = [best] if self._is_settled(best) else [m for m, _ in odds[:BEAM]]
+            front = [best] if self.is_settled(best) else [m for m, _ in odds[:BEAM]]
         return best
 
     def fit_base(self, known: Sequence[np.ndarray] = ()) -> Model:
@@ -187,6 +187,10 @@ class ModelSearch:
             self._examined[key] = examine(model.fitted, self.seed, self.estimated, self.criteria)
         return self._examined[key]
 
+    def is_settled(self, model: Model) -> bool:
+        """Whether a model leaves so little that first order shows what it lacks."""
+        return self.examined(model).p >= SETTLED
+
     def _extend(self, parents: Sequence[Model]) -> list[Model]:
         """Each parent with each candidate more that is worth a fit, approached."""
         ways: dict[Names, list[tuple[Model, Candidate]]] = {}
@@ -200,15 +204,12 @@ class ModelSearch:
         """One model, approached from each of several parents in turn."""
         return [self._approach(*way) for way in ways][-1]
 
-    def _is_settled(self, model: Model) -> bool:
-        return self.examined(model).p >= SETTLED
-
     def _worth_a_fit(self, parent: Model) -> list[Candidate]:
         """All candidates; of a model that leaves only noise those that gain enough to first order, and those that are
         not seen to first order."""
         known = parent.likelihood.experiment.cradle
         candidates = [c for c in self.candidates if not known.has(c.name)]
-        if not self._is_settled(parent):
+        if not self.is_settled(parent):
             return candidates
         scores = self.examined(parent).score_test.scores
         small = {s.candidate.label: s for s in scores if s.sensitivities and s.gain < WORTH_A_FIT}
