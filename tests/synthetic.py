@@ -3,8 +3,9 @@
 from pathlib import Path
 
 import numpy as np
+import pytest
 
-from cradle_env import Cradle, Release, simulate
+from cradle_env import Cradle, Release, effects, simulate
 from identification.diagnosis.selection.fit_cache import FitCache
 from identification.diagnosis.selection.model_search import ModelSearch
 from identification.diagnosis.selection.searcher import Searcher
@@ -21,6 +22,12 @@ from tests.reference.laboratory import Recording
 
 #: Relative width of the made-up posterior, by unknown.
 WIDTHS = {"k_f": 1.5e-3, "kappa": 2e-4, "b": 3e-3}
+
+
+def leave_candidates(patch: pytest.MonkeyPatch, *names: str) -> None:
+    """Leaves a diagnosis no candidates but these."""
+    kept = (*names, *effects.MODELS["nsp"], *(e.name for e in effects.LEARNED))
+    patch.setattr(effects, "_EFFECTS", {name: effects.effect(name) for name in kept})
 
 
 def simulated_run(

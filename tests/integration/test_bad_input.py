@@ -12,7 +12,6 @@ from unittest import mock
 import numpy as np
 import pytest
 
-from cradle_env import effects
 from identification import Experiment, calibrate
 from identification.cli.app import main
 from identification.diagnosis import workflow
@@ -30,6 +29,7 @@ from studies.diagnosis.study import fit_near
 from tests.paths import DATA as SHARED
 from tests.reference.laboratory import Recording, drop_frames, lose_track, record, tracking_jump, write_experiment
 from tests.reference.soft_contact import SoftCradle
+from tests.synthetic import leave_candidates
 
 TRUTH = {"k_f": 18000.0, "kappa": 190.0, "b": 0.002}
 STATED = {"k_f": 17000.0, "kappa": 187.0, "b": 0.0023}
@@ -229,8 +229,7 @@ def test_a_clock_a_thousandth_off(tmp_path, scale, rivals, monkeypatch):
     slow clock's leaves as little, and predicts worse."""
     monkeypatch.setattr(workflow, "_advise", lambda *_: None)  # half of the time, and nothing of it is judged here
     if rivals:
-        kept = ("clock_scale", *rivals, *effects.MODELS["nsp"], *(e.name for e in effects.LEARNED))
-        monkeypatch.setattr(effects, "_EFFECTS", {name: effects.effect(name) for name in kept})
+        leave_candidates(monkeypatch, "clock_scale", *rivals)
     path = write_experiment(
         tmp_path, [filmed({"clock_scale": {"scale": scale}}, duration=7.0 if rivals else 16.0)], stated=STATED
     )

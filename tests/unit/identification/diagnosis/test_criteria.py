@@ -5,12 +5,12 @@ from types import SimpleNamespace
 
 import pytest
 
-from cradle_env import effects
 from identification import Experiment, diagnose
 from identification.diagnosis.criteria import DEFAULT_CRITERIA, Criteria, may_hold_faults, only_noise
 from identification.diagnosis.data_checks.readings import check_readings
 from tests.reference.laboratory import record, write_experiment
 from tests.reference.soft_contact import SoftCradle
+from tests.synthetic import leave_candidates
 
 
 def test_the_defaults_are_those_that_the_study_was_made_with():
@@ -56,8 +56,7 @@ def dragged(tmp_path_factory):
 
 def test_the_verdict_depends_on_the_level_of_significance(dragged, tmp_path, small_grid, monkeypatch):
     """With but one more effect in the catalogue, which is fitted beside it."""
-    kept = ("quadratic_drag", "exposure_blur", *effects.MODELS["nsp"], *(e.name for e in effects.LEARNED))
-    monkeypatch.setattr(effects, "_EFFECTS", {name: effects.effect(name) for name in kept})
+    leave_candidates(monkeypatch, "quadratic_drag", "exposure_blur")
     named = diagnose(dragged, out=tmp_path)
     assert named.verdict == "named" and named.effects == ("quadratic_drag",) and named.warnings == ()
     # At a level above its p, what the named effect leaves counts as more than noise, and the name is taken back.

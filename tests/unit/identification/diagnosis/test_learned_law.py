@@ -10,7 +10,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
-from cradle_env import Cradle, Release, effects, simulate
+from cradle_env import Cradle, Release, simulate
 from cradle_env.effects import LEARNED
 from cradle_env.model_files import read_model
 from identification import Experiment, diagnose
@@ -49,7 +49,7 @@ from studies.diagnosis.study import fit_near
 from tests.paths import DATA
 from tests.reference.laboratory import record, write_experiment
 from tests.reference.soft_contact import SoftCradle
-from tests.synthetic import fit_with, simulated_run
+from tests.synthetic import fit_with, leave_candidates, simulated_run
 
 QUIET = lambda *_: None  # noqa: E731
 
@@ -193,16 +193,10 @@ def rubbed(tmp_path_factory):
     return fitted(tmp_path_factory.mktemp("rubbed"), {"smooth_friction": {"tau_c": 1e-3}})
 
 
-def catalogue_of(name, patch):
-    """With but one more effect in the catalogue."""
-    kept = (name, *effects.MODELS["nsp"], *(e.name for e in LEARNED))
-    patch.setattr(effects, "_EFFECTS", {name: effects.effect(name) for name in kept})
-
-
 @pytest.fixture(scope="module")
 def unexplained(rubbed):
     with pytest.MonkeyPatch.context() as patch:
-        catalogue_of("exposure_blur", patch)  # which friction is not
+        leave_candidates(patch, "exposure_blur")  # which friction is not
         return diagnose(rubbed[0].experiment)
 
 
@@ -246,8 +240,7 @@ def test_words_terms_and_picture(law):
 def test_a_law_outdoes_an_effect_that_bends_towards_the_truth_and_not_the_true_one(tmp_path, monkeypatch):
     """Of a catalogue with quadratic drag alone. Where drag is hidden it is named; where friction is, a law has more
     evidence."""
-    kept = ("quadratic_drag", *effects.MODELS["nsp"], *(e.name for e in LEARNED))
-    monkeypatch.setattr(effects, "_EFFECTS", {name: effects.effect(name) for name in kept})
+    leave_candidates(monkeypatch, "quadratic_drag")
     for hidden, verdict in (
         ({"quadratic_drag": {"c2": 0.01}}, "named"),
         ({"smooth_friction": {"tau_c": 1e-3}}, "unknown"),
@@ -282,7 +275,7 @@ def test_a_law_that_leaves_noise_gets_no_further_terms(rubbed, law, monkeypatch)
 
 def test_where_nothing_known_fits_the_law_goes_into_the_model(unexplained, monkeypatch, tmp_path):
     """Verdict unknown, the law in report and model, and the model runs everywhere."""
-    catalogue_of("exposure_blur", monkeypatch)
+    leave_candidates(monkeypatch, "exposure_blur")
     diagnosis, experiment = unexplained, unexplained.experiment
     content = save(diagnosis, tmp_path)
     learned = content["remainder"]["law"]
@@ -310,7 +303,7 @@ def test_a_law_is_a_rival_of_one_effect_that_imitates_a_force(tmp_path, monkeypa
     """A jet of air in a part of the swing is nearly a camera that is tilted: with that name only noise is left at 1 %,
     and the held-out data are predicted. The law has far more evidence."""
     blown, _ = fitted(tmp_path, {"side_wind": {"force": 1.38e-3, "centre": 0.02, "width": 0.04}})
-    catalogue_of("angle_offset", monkeypatch)
+    leave_candidates(monkeypatch, "angle_offset")
     diagnosis = diagnose(blown.experiment)
     (named,) = (visit for visit in diagnosis.repaired.path if visit.done == "the most evidence")
     assert named.fitted.cradle.has("angle_offset") and 0.01 < named.p < SETTLED
