@@ -129,7 +129,7 @@ def repair(
     path = [Visit("the base model", base.fitted, base.p)]
     path += [Visit(f"compared, {i} more", r.before.fitted, None, r) for i, r in enumerate(search.rounds, 1)]
     law, law_odds = None, -math.inf
-    doubtful = bool(best.names) and not (search.is_settled(best) and len(best.effects) == 1)
+    doubtful = len(best.effects) > 1 or (bool(best.names) and not search.is_settled(best))
     if last.significant or doubtful:
         law = learn_law(base.fitted, searcher, progress, None if last.significant else last.fitted)
     if law is not None:

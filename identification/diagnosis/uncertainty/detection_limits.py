@@ -211,10 +211,8 @@ def _nonsmooth_rounds(fitted: FitResult, one: _LinearLimit, limit: float) -> int
     First order holds if the residuals at the limit, with the unknowns shifted to compensate, are those predicted.
     Rounds are needed where readings jump with the order of impacts, with three bobs or more.
     """
-    several, most = (
-        has_impact_order(fitted.cradle),
-        _MAX_NONLINEAR_CHI2 * fitted.effective_sample.inflation,
-    )
+    several = has_impact_order(fitted.cradle)
+    most = _MAX_NONLINEAR_CHI2 * fitted.effective_sample.inflation
     try:
         likelihood = _likelihood_at(fitted, one, limit)
         point = np.clip(fitted.point + limit * one.slope, *bounds(likelihood))

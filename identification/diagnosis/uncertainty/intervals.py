@@ -45,10 +45,7 @@ def compute_intervals(fitted: FitResult, cache: PointCache = compute_uncached) -
     """
     deviations = np.sqrt(np.maximum(np.diag(fitted.covariance), 1e-300))
     others, widths = find_alternative_modes(fitted, 2.0 * _QUANTILES[1], cache)
-    smooth, shapes = (
-        not has_impact_order(fitted.cradle) and not fitted.has_learned_law,
-        shape_unknowns(fitted),
-    )
+    smooth, shapes = not has_impact_order(fitted.cradle) and not fitted.has_learned_law, shape_unknowns(fitted)
     followed = [i for i, u in enumerate(fitted.likelihood.unknowns) if smooth and not u.nuisance and i not in shapes]
     steps = [(i, sign * deviations[i]) for i in followed for sign in (-1.0, 1.0)]
 
