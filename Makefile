@@ -59,8 +59,8 @@ $(VENV)/.installed: pyproject.toml | $(BIN)/python
 	@$(BIN)/cradle warmup
 	@touch $@
 
-# Kernels are compiled where tests begin, beside lint if that runs, and once for all workers. A demo after lint alone
-# compiles what it needs.
+# It compiles no kernels: the tests do, once for all workers, while CI runs lint. A demo after lint alone compiles what it
+# needs.
 $(VENV)/.installed-dev: pyproject.toml | $(BIN)/python
 	@echo "Installing newtons-cradle and its test tools into $(VENV) (a minute or two, once)"
 	@$(INSTALL) '.[dev]'

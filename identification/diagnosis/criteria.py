@@ -62,8 +62,8 @@ COMPARED_WITHIN = 20.0
 BEAM = 3
 #: Effects added at most. More were right in no case of the studies.
 MAX_EFFECTS = 4
-#: p of the residual scan from which on a model leaves so little that first order shows what it lacks, and that no law
-#: competes with a single effect. A smooth force that one effect imitated left 0.045 and 0.012, right effects 0.02 to 1.
+#: p of the residual scan from which on first order shows what a model lacks, and no law competes with a single effect.
+#: Where one effect imitated a force of no catalogue it left 0.045 and 0.012; right effects left 0.02 to 1.
 SETTLED = 0.1
 #: Gain in χ² to first order below which a candidate of such a model is not fitted: half of it cannot pay for the prior
 #: of an effect, ln 30, and its strength.
