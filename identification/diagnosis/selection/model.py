@@ -116,7 +116,7 @@ class Model:
 
     @property
     def _best_basin(self) -> Basin:
-        return Basin(self.modes[0], self.terms.information, self.unit)
+        return Basin(self.modes[0], self.terms.all_information, self.unit)
 
     def _add(self, modes: Iterable[Minimum]) -> None:
         before = self.chi2
