@@ -25,6 +25,7 @@ from identification.diagnosis.criteria import (
     OPEN_SD,
     SAME_BASIN,
 )
+from identification.diagnosis.selection.evidence import has_early_prior
 from identification.inference.least_squares import (
     Misfit,
     bounds,
@@ -48,22 +49,23 @@ class Minimum:
 
 
 class EarlyMisfit:
-    """The residuals of the first periods of the data, with weak priors on k_f, κ and b."""
+    """The residuals of the first periods of the data, with weak priors on k_f, κ and b.
+
+    likelihood: of these data, without the weak priors.
+    """
 
     def __init__(self, likelihood: Likelihood, periods: float):
         rows = early_rows(likelihood, periods)
-        self._of = Likelihood(likelihood.experiment, rows, likelihood.workers, likelihood.parameters)
+        self.likelihood = Likelihood(likelihood.experiment, rows, likelihood.workers, likelihood.parameters)
         self.experiment, self.unknowns, self.workers = likelihood.experiment, likelihood.unknowns, likelihood.workers
         self._priors = [
-            (i, u.coordinate(u.start), EARLY_PRIORS[u.name])
-            for i, u in enumerate(self.unknowns)
-            if u.name in EARLY_PRIORS and math.isnan(u.sd)
+            (i, u.coordinate(u.start), EARLY_PRIORS[u.name]) for i, u in enumerate(self.unknowns) if has_early_prior(u)
         ]
 
     def residuals(self, point: np.ndarray) -> np.ndarray:
         """Residuals at a point (D,), those of the weak priors last."""
         prior = [(point[i] - mean) / sd for i, mean, sd in self._priors]
-        return np.concatenate([self._of.residuals(point), prior])
+        return np.concatenate([self.likelihood.residuals(point), prior])
 
 
 def _is_smooth(likelihood: Likelihood) -> bool:
@@ -86,7 +88,7 @@ def follow_early(likelihood: Likelihood, starts: Sequence[np.ndarray]) -> list[n
     for periods in horizons(likelihood):
         early = EarlyMisfit(likelihood, periods)
         found = refine_all(early, points, evaluations)
-        unit = unit_of_chi2(likelihood, found[0].chi2) if found else 1.0
+        unit = unit_of_chi2(early.likelihood, found[0].chi2) if found else 1.0
         basins = distinct_basins(early, found, unit)
         points = [basin.minimum.point for basin in basins]
         if basins:  # of the best alone: bounds the cost
@@ -106,7 +108,7 @@ def least(misfit: Misfit, points: Sequence[np.ndarray], count: int) -> list[np.n
 
 
 def unit_of_chi2(likelihood: Likelihood, chi2: float) -> float:
-    """What one unit of χ² is worth beside a χ² over all data: 1, or χ² per reading where that is more."""
+    """What one unit of χ² is worth beside this χ²: 1, or χ² per reading where that is more."""
     return chi2_scale(chi2, likelihood.reading_slices()[-1].stop)
 
 
