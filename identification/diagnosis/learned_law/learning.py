@@ -50,7 +50,7 @@ def learn_law(
     scales = law_scales(fitted)
     shooting = LinearModel.of(fit_multiple_shooting(fitted), scales) if can_be_segmented(fitted.cradle) else None
     progress("law", 0.4, "which terms")
-    part = hold_out_last_third(fitted.experiment)
+    part, alone = hold_out_last_third(fitted.experiment), len(fitted.experiment.runs) == 1
     inner_gap = fit_free_run(fitted, searcher, part, scales, (), {}).held_out_gap()
     none = LearnedLaw(fitted, fitted, (), scales, inner_gap, inner_gap)
     most = math.inf if rival is None else _MAX_GAP_OVER_RIVAL * validate_inner(rival, searcher)[1]
@@ -62,7 +62,9 @@ def learn_law(
     windows_first = shooting is not None and is_misspecified(fitted)
     drafts, later = (drafts[:1], drafts[1:]) if windows_first else (drafts, [])
     progress("law", 0.6, "periodic forces")
-    if shooting is not None and (timed := add_periodic_terms(shooting, scales, best_subset(shooting))) is not None:
+    # Runs share no phase of a force in time, and those that are held out count as well.
+    timed = add_periodic_terms(shooting, scales, best_subset(shooting)) if shooting and alone else None
+    if timed is not None:
         linear, scales_in_time = timed
         subsets = candidate_subsets(linear)
         periodic = tuple(i for i in subsets[0] if linear.term(i).in_time) if subsets else ()

@@ -36,14 +36,14 @@ def add_periodic_terms(
     """The linear model of a fit in windows with periodic terms added, and scales with their frequency.
 
     The frequency is that of the force, equal on all bobs, that saves most χ² together with a subset of the other terms.
-    Returns None for several runs, because the phase of a shaking room is unrelated from run to run, and for a run that
-    is too short.
+    linear: of a single run, because the phase of a shaking room is unrelated from run to run. Returns None for a run
+    that is too short.
     """
     fitted = linear.fitted
     times, period = fitted.readings.time, fitted.cradle.period
     frequencies = frequency_grid(float(np.ptp(times)), period)
     assert isinstance(fitted, MultipleShootingFit)
-    if len(set(fitted.origins)) > 1 or len(fitted.origins) < 2 or len(frequencies) == 0:
+    if len(fitted.origins) < 2 or len(frequencies) == 0:
         return None
     begin, width = _window_starts(fitted)
     coarse = np.arange(frequencies[0], frequencies[-1] + 1.0, 1.0 / (_COARSE * width))
