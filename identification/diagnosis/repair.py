@@ -18,7 +18,7 @@ import numpy as np
 from identification.diagnosis.criteria import Criteria, fails_prediction
 from identification.diagnosis.learned_law.law import LearnedLaw
 from identification.diagnosis.learned_law.learning import learn_law
-from identification.diagnosis.learned_law.terms import selection_cost
+from identification.diagnosis.learned_law.terms import MAX_TERMS, selection_cost
 from identification.diagnosis.selection.candidates import Candidate
 from identification.diagnosis.selection.evidence import LaplaceTerms
 from identification.diagnosis.selection.examined_model import ExaminedModel
@@ -114,6 +114,11 @@ class RepairResult:
         """The repaired model; the base if nothing was named."""
         return self.examined[-1]
 
+    @property
+    def lacks_a_name(self) -> bool:
+        """Whether the last model lacks something that has no name: more than noise is left, or names were refuted."""
+        return self.last.significant or bool(self.removed)
+
 
 def repair(
     fitted: FitResult, searcher: Searcher, seed: int, estimated: tuple[bool, ...], progress: Progress
@@ -128,14 +133,15 @@ def repair(
     base, last = search.examined(search.models[frozenset()]), search.examined(best)
     path = [Visit("the base model", base.fitted, base.p)]
     path += [Visit(f"compared, {i} more", r.before.fitted, None, r) for i, r in enumerate(search.rounds, 1)]
-    law, law_odds = None, -math.inf
+    law, law_odds, inflation = None, -math.inf, best.inflation
     doubtful = len(best.effects) > 1 or (bool(best.names) and not search.is_settled(best))
     if last.significant or doubtful:
         law = learn_law(base.fitted, searcher, progress, None if last.significant else last.fitted)
     if law is not None:
-        law_odds = _law_log_odds(law, search, best)
+        inflation = min((best.fitted, law.fitted), key=lambda fit: fit.chi2).effective_sample.inflation
+        law_odds = _law_log_odds(law, search, best, inflation)
         path.append(Visit(f"a learned law, ln evidence {law_odds:+.1f} over these names", law.fitted))
-    ranked = search.ranked(best)
+    ranked = search.ranked(best, inflation)
     total = float(np.logaddexp.reduce([law_odds, *(one.log_odds for one in ranked)]))
     found = {"sets": _explanations(ranked, law_odds, total, search.criteria), "alone": _alone(search, best)}
     if not best.names:
@@ -143,9 +149,8 @@ def repair(
     path.append(Visit("the most evidence", last.fitted, last.p))
     if why := _refutation(last, law_odds, estimated):
         path.append(Visit(f"taken back: {why}", base.fitted, base.p))
-        if law is None and base.significant:
+        if law is None:
             law = learn_law(base.fitted, searcher, progress)
-        law = law if base.significant else None
         return RepairResult((base,), removed=tuple(sorted(best.effects)), law=law, path=tuple(path), **found)
     rivals = [one.model for one in ranked if one.model is not None and _is_rival(one, best, search.criteria)]
     return RepairResult(
@@ -165,13 +170,12 @@ def _refutation(last: ExaminedModel, law_odds: float, estimated: tuple[bool, ...
     return ""
 
 
-def _law_log_odds(law: LearnedLaw, search: ModelSearch, best: Model) -> float:
-    """ln evidence of the base with a law over the best set, under the inflation of the one with less χ².
+def _law_log_odds(law: LearnedLaw, search: ModelSearch, best: Model, inflation: float) -> float:
+    """ln evidence of the base with a law over the best set, under one inflation of χ².
 
-    The law has the prior of one further cause, shared by all choices of as many terms.
+    The law has the prior of one further cause, shared by all numbers of terms, and by all choices of as many.
     """
-    inflation = min((best.fitted, law.fitted), key=lambda fit: fit.chi2).effective_sample.inflation
-    prior = search.log_prior - selection_cost(law.before.cradle, len(law.terms))
+    prior = search.log_prior(1) - math.log(MAX_TERMS) - selection_cost(law.before.cradle, len(law.terms))
     return LaplaceTerms.of(law.fitted).log_evidence(inflation) + prior - search.log_evidence(best, inflation)
 
 

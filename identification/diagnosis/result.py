@@ -111,7 +111,7 @@ class Diagnosis:
             return "equivalent"
         if self.repaired.steps:
             return "named"
-        return "unknown" if self.repaired.last.significant else "nothing_missing"
+        return "unknown" if self.repaired.lacks_a_name else "nothing_missing"
 
     @property
     def effects(self) -> tuple[str, ...]:
@@ -168,7 +168,11 @@ class Diagnosis:
     def detection_limits(self) -> tuple[DetectionLimit, ...]:
         """How strong each absent effect can be unnoticed; () if the model does not describe the data."""
         last = self.repaired.last
-        return () if last.significant else compute_detection_limits(last.fitted, last.score_test.scores, self.cache)
+        return (
+            ()
+            if self.repaired.lacks_a_name
+            else compute_detection_limits(last.fitted, last.score_test.scores, self.cache)
+        )
 
     def model_toml(self) -> str:
         """The repaired model as a [model] table with its parameters, and the cradle's own unknowns as comments."""

@@ -107,10 +107,10 @@ def _advise(
     """The run that separates equivalent sets; if there are none, the run that constrains λ.
 
     others: models with the other sets, fitted to all data. Returns None if no run can be planned, or if the model
-    leaves more than noise.
+    lacks something that has no name.
     """
     fitted = searcher.fit_all_data(repaired.last.fitted)
     if not repaired.alternatives:
-        return None if repaired.last.significant else advise_on_lambda(fitted, progress)
+        return None if repaired.lacks_a_name else advise_on_lambda(fitted, progress)
     names = [tuple(candidate.name for candidate in several) for several in repaired.alternatives]
     return advise([fitted, *others], names, seed, progress, searcher.criteria)

@@ -77,7 +77,7 @@ RULES = (
         fits=True,
     ),
     Rule("evidence is tempered by correlated residuals", _untempered),
-    Rule("an effect has prior odds", _replaced(model_search.ModelSearch, "log_prior", 0.0)),
+    Rule("an effect has prior odds", _replaced(model_search.ModelSearch, "log_prior", lambda *_: 0.0)),
     Rule("a learned law competes", _replaced(repair, "learn_law", lambda *_: None)),
     Rule("held-out data can refute names", _replaced(repair, "fails_prediction", lambda *_: False)),
     Rule("residuals that are more than noise refute names", _residuals_refute_nothing),

@@ -107,7 +107,7 @@ class ModelSearch:
             if not near:
                 break
             self.share_modes([*front, *near])
-            c = min(near, key=lambda m: m.chi2).inflation
+            c = min([best, *near], key=lambda m: m.chi2).inflation
             before = self.log_evidence(best, c)
             odds = sorted(((m, self.log_evidence(m, c) - before) for m in near), key=lambda pair: -pair[1])
             chosen = self._drop_each(odds[0][0]) if odds[0][1] > 0.0 else None
@@ -153,24 +153,25 @@ class ModelSearch:
                         gained = gained or model.chi2 < before - model.unit
 
     def log_evidence(self, model: Model, inflation: float) -> float:
-        """ln Z of a model, with the prior of its set: ANOTHER for each effect, shared by all candidates."""
-        return model.terms.log_evidence(inflation) + len(model.effects) * self.log_prior
+        """ln Z of a model, with the prior of its set."""
+        return model.terms.log_evidence(inflation) + self.log_prior(len(model.effects))
 
-    @property
-    def log_prior(self) -> float:
-        """ln prior probability of one further cause, over that of none further."""
-        return math.log(ANOTHER / len({c.name for c in self.candidates}))
+    def log_prior(self, effects: int) -> float:
+        """ln prior probability of a set of so many effects, over that of none: ANOTHER for each effect, shared by all
+        sets of as many."""
+        sets = math.comb(len({c.name for c in self.candidates}), effects)
+        return effects * math.log(ANOTHER) - math.log(sets)
 
-    def ranked(self, best: Model) -> list[Ranked]:
-        """Sets of effects under the inflation of the best model.
+    def ranked(self, best: Model, inflation: float) -> list[Ranked]:
+        """Sets of effects under one inflation of χ².
 
         The visited models near the best one and the base, the most evidence first; of an effect's forms, with values
         alike or not, the better one alone. Then what extends the best one and was judged to first order alone.
         """
         limit = best.chi2 + 2.0 * COMPARED_WITHIN * best.unit
         near = [m for m in self.models.values() if m.modes and (m.chi2 < limit or not m.names)]
-        first = self.log_evidence(best, best.inflation)
-        several = [Ranked(m.effects, self.log_evidence(m, best.inflation) - first, m) for m in near]
+        first = self.log_evidence(best, inflation)
+        several = [Ranked(m.effects, self.log_evidence(m, inflation) - first, m) for m in near]
         several.sort(key=lambda one: -one.log_odds)
         effects = {c.label: c.effects for c in self.candidates}
         for label, odds in self.unfitted.get(best.names, {}).items():
@@ -213,8 +214,11 @@ class ModelSearch:
             return candidates
         scores = self.examined(parent).score_test.scores
         small = {s.candidate.label: s for s in scores if s.sensitivities and s.gain < WORTH_A_FIT}
+        known_effects, before = parent.effects, self.log_prior(len(parent.effects))
         self.unfitted[parent.names] = {
-            label: linear_log_odds(parent.fitted, one, parent.inflation) + self.log_prior
+            label: linear_log_odds(parent.fitted, one, parent.inflation)
+            + self.log_prior(len(known_effects | {*one.candidate.effects}))
+            - before
             for label, one in small.items()
         }
         return [c for c in candidates if c.label not in small]

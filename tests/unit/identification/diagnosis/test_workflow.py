@@ -98,6 +98,13 @@ def test_nothing_is_missing_where_nothing_is(nothing_found, tmp_path):
     assert read_model(tmp_path / "model.toml") == ("nsp", {})
 
 
+def test_names_that_were_refuted_leave_something_missing(nothing_found):
+    """The base alone may leave no more than noise; yet the evidence was for something."""
+    refuted = dataclasses.replace(nothing_found.repaired, removed=("quadratic_drag",))
+    diagnosis = dataclasses.replace(nothing_found, repaired=refuted)
+    assert diagnosis.verdict == "unknown" and diagnosis.effects == () and diagnosis.detection_limits == ()
+
+
 def test_the_path_shows_the_rounds_of_the_search(diagnosed):
     """Every χ² of the path is that of a fit: the chosen gain leads from the base model's to the last one's."""
     path = path_content(diagnosed.repaired)
@@ -407,7 +414,7 @@ def test_no_run_is_planned_for_lambda_with_a_model_that_leaves_more_than_noise(m
     searcher = SimpleNamespace(fit_all_data=lambda fitted: f"{fitted}, on everything")
     for significant, planned in ((True, None), (False, "last, on everything")):
         last = SimpleNamespace(fitted="last", significant=significant)
-        repaired = SimpleNamespace(alternatives=(), last=last)
+        repaired = SimpleNamespace(alternatives=(), last=last, lacks_a_name=significant)
         assert workflow._advise(repaired, {}, searcher, 0, lambda *_: None) == planned  # type: ignore[arg-type]
 
 
