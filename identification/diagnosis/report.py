@@ -177,7 +177,8 @@ def verdict_sentence(content: Mapping[str, Any]) -> str:
         else ""
     )
     if content["verdict"] == "nothing_missing":
-        return f"Nothing is missing: the residuals are noise (held-out gap {format_ratio(content['gap_last'])}).{fails}"
+        gap = format_ratio(content["gap_last"])
+        return f"No missing effect is found: the residuals are noise (held-out gap {gap}).{fails}{_hidden(content)}"
     if content["verdict"] == "named":
         them = "it" if len(content["steps"]) == 1 else "them"
         return f"Missing from the model: {names}; with {them}, {gaps}.{rest}{fails}"
@@ -186,7 +187,23 @@ def verdict_sentence(content: Mapping[str, Any]) -> str:
         certain = f"Missing from the model: {names}, and one of" if names else "Missing from the model: one of"
         return f"{certain} {sets}, which these data do not tell apart; {gaps}.{rest}{fails}"
     law = "" if remainder["law"] is None else f" With a law learned from the data, {gaps}."
-    return f"Something is missing that is no effect of the catalogue.{law}{rest}"
+    return f"Something is missing that no set of effects explains, or a stated value is wrong.{law}{rest}"
+
+
+def _hidden(content: Mapping[str, Any]) -> str:
+    """The absent effect that could bias an unknown most without being noticed, if that is by a standard deviation."""
+    limits = [one for one in content["unseen"] if one["moves_sd"]]
+    if not limits:
+        return ""
+    one = limits[0]
+    name, sd = max(one["moves_sd"].items(), key=lambda pair: abs(pair[1]))
+    if abs(sd) < 1.0:
+        return ""
+    which = "most" if "most" in one else "least"
+    return (
+        f" These data can hide {one['effect']} with {one['parameter']} of at {which}"
+        f" {format_number(abs(one[which]), 2)} {one['unit']}. It would move {name} by {abs(sd):.0f} standard deviations."
+    )
 
 
 def _fails_prediction(content: Mapping[str, Any]) -> bool:

@@ -9,6 +9,7 @@ from identification.diagnosis.criteria import DEFAULT_CRITERIA, Criteria
 from identification.diagnosis.data_checks.instrument_faults import check_instrument_faults
 from identification.diagnosis.data_checks.readings import check_readings, without_clicks
 from identification.diagnosis.data_checks.run_consistency import check_run_consistency
+from identification.diagnosis.data_checks.stated_values import warn_of_stated_values
 from identification.diagnosis.next_experiment.expected_information import Advice, advise, advise_on_lambda
 from identification.diagnosis.repair import RepairResult, repair
 from identification.diagnosis.result import Diagnosis
@@ -93,7 +94,8 @@ def diagnose(
     if any(given.cradle.has(step.effect) for step in repaired.steps):  # the data need what was taken out
         base = given
         repaired = repair(base, searcher, seed, estimated, progress)
-    warnings = (*criteria.changes(), *warnings, *describe_removed_effects(base, given))
+    doubts = warn_of_stated_values(repaired.last.fitted)
+    warnings = (*criteria.changes(), *warnings, *doubts, *describe_removed_effects(base, given))
     progress("advise", 0.0, "the next experiment")
     final = searcher.fit_all_data(repaired.last.fitted if repaired.law is None else repaired.law.fitted)
     others = [searcher.fit_all_data(fitted) for fitted in repaired.others]

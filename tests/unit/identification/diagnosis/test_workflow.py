@@ -460,7 +460,7 @@ def test_too_few_readings_are_refused(tmp_path, capsys):
 def test_the_command(alone, tmp_path, capsys):
     assert main(["diagnose", str(alone), "--out", str(tmp_path), "--workers", "1", "--explain"]) == 0
     printed = capsys.readouterr().out
-    assert "the base model" in printed.partition("nothing_missing: Nothing is missing")[0]
+    assert "the base model" in printed.partition("nothing_missing: No missing effect")[0]
     assert {"diagnosis.json", "model.toml", "report.html", "fits.json"} <= {p.name for p in tmp_path.iterdir()}
 
 
