@@ -80,14 +80,14 @@ def test_the_environment_of_the_readme_does_what_it_says():
 def test_the_commands_of_the_readme_print_what_it_says(tmp_path, monkeypatch, capsys):
     _, calibrated, diagnosed = blocks(README.read_text(encoding="utf-8"), "text")
     simulate, calibrate, diagnose = commands(README)
-    for name, recipe, expected in (
-        ("calibrated", (simulate, calibrate), calibrated),
-        ("diagnosed", (commands(DOCS / "tutorials" / "what-is-missing.md")[0], diagnose), diagnosed),
+    for name, folder, recipe, expected in (
+        ("calibrated", "film", (simulate, calibrate), calibrated),
+        ("diagnosed", "pendulum", (commands(DOCS / "tutorials" / "what-is-missing.md")[0], diagnose), diagnosed),
     ):
         (tmp_path / name).mkdir()
         monkeypatch.chdir(tmp_path / name)
         assert main(recipe[0]) == 0
-        file = Path("film", "experiment.toml")
+        file = Path(folder, "experiment.toml")
         text = file.read_text(encoding="utf-8").replace('["quadratic_drag"]', "[]")
         file.write_text(text.replace("quadratic_drag = { c2 = 0.02 }", ""), encoding="utf-8")
         capsys.readouterr()
