@@ -93,8 +93,8 @@ class Criteria:
     Parameters
     ----------
     significance_level : float
-        p-value below which a model leaves more than noise, and below which an added effect is significant. Both p are
-        those of the largest of many statistics, so this is the rate of false alarms per diagnosis.
+        p-value below which a model leaves more than noise. It is that of the largest of many statistics, so a right
+        model is refuted at this rate. A smaller level refutes fewer names. Names are chosen by evidence alone.
     equivalent_log_odds : float
         Difference in log evidence below which data do not tell two models apart. 3 is odds of 20 to 1.
     noise_excess_sd : float

@@ -202,7 +202,8 @@ def _hidden(content: Mapping[str, Any]) -> str:
     which = "most" if "most" in one else "least"
     return (
         f" These data can hide {one['effect']} with {one['parameter']} of at {which}"
-        f" {format_number(abs(one[which]), 2)} {one['unit']}. It would move {name} by {abs(sd):.0f} standard deviations."
+        f" {format_number(abs(one[which]), 2)} {one['unit']}. It would move {name} by {abs(sd):.0f} standard"
+        " deviations."
     )
 
 

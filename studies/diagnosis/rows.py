@@ -79,10 +79,7 @@ def rightly_named(rows: list[Row]) -> list[Row]:
 
 def stated_probabilities(row: Row) -> list[tuple[float, bool]]:
     """(probability, whether it is right) of each explanation of a diagnosis; sets that are the same in all data are
-    one. That of all other sets is left out, for it explains nothing; and so are all where a test refutes the most
-    probable one."""
-    if row["verdict"] == "unknown" and max(row["sets"], key=lambda one: one["probability"])["kind"] != "law":
-        return []
+    one. That of all other sets is left out, for it explains nothing. Those that a test refuted count as well."""
     same = SAME if SAME.isdisjoint(row["hidden"]) else SYMMETRIC
     hidden, found = _merged(row["hidden"], same), {}
     for one in row["sets"]:

@@ -66,14 +66,16 @@ HEAD = f"""# How often a diagnosis is right
 Made by `python -m studies.diagnosis.study DIR` and `python -m studies.diagnosis.table DIR` from docs/study.jsonl,
 which keeps every case. A case is an experiment of 45 s with one run and one lifted bob, simulated by the
 soft-contact reference. It hides one effect, two or three effects, none, or a force that is in no catalogue. Δχ² is
-the excess in χ² of the best wrong model over the right one on noiseless data. Brackets hold 95 % intervals.
+the excess in χ² of the best wrong model over the right one on noiseless data. For a force of no catalogue it is the χ²
+that the best set of up to two effects leaves. Brackets hold 95 % intervals.
 
 **The search by evidence** judged rounds {SEARCH} and later: fresh seeds, each case once, each round by one commit that
 was made before it. **The earlier selection** added effects one by one. It judged rounds {HELD_OUT} to {SEARCH - 1} once
 each, but its rules changed with the misses of some of them; rounds 0 to {HELD_OUT - 1} had been looked at. Of what the
 earlier selection missed in rounds {HELD_OUT} to {SEARCH - 1}, the search by evidence has judged the same data again
 (`--misses`); the table below tells old from new.
-That table can only show gains; the first one is the fair comparison.
+That table contains only what the earlier selection missed, so it can only show gains. Compare the two by the first
+table.
 
 In the rounds before {HELD_OUT}, Δχ² is the χ² of the best wrong model itself, frames that differ from their formula
 cannot be told from it, all bobs start unstretched, no frame is missing, and the noise is white and stated in the file.
@@ -90,8 +92,7 @@ RELIABLE = """## Whether the probabilities are right
 
 `sets` of `diagnosis.json` has a probability for each explanation: a set of effects, a law, nothing. If they are
 calibrated, of the explanations with a probability of 0.9 nine in ten are right. Effects that are the same in all data
-count as one. A law is right if the hidden force is in no catalogue. Where a test refutes the most probable
-explanation, the probabilities count nowhere.
+count as one. A law is right if the hidden force is in no catalogue. What a test refuted counts as well.
 
 ![Share of right explanations against their stated probability](reliability.png)
 """
