@@ -1,6 +1,7 @@
 """From the base model to the one with what is missing: a search by evidence, and the tests that can refute it.
 
-1. `ModelSearch` finds the set of effects with the most evidence.
+1. `ModelSearch` finds the set of effects with the most evidence. A part of it is named if the data do not tell the two
+   apart.
 2. If that is no single effect that leaves hardly more than noise, a law learned from the base competes with it, by the
    same evidence.
 3. Held-out data can refute names, but choose none.
@@ -129,10 +130,13 @@ def repair(
     """
     progress("locate", 0.0, "where model and data part")
     search = ModelSearch(fitted.experiment, searcher.store, searcher.workers, searcher.criteria, seed, estimated)
-    best = search.run([fitted.point], progress)
+    found_best = search.run([fitted.point], progress)
+    best = _simplest(search, found_best)
     base, last = search.examined(search.models[frozenset()]), search.examined(best)
     path = [Visit("the base model", base.fitted, base.p)]
     path += [Visit(f"compared, {i} more", r.before.fitted, None, r) for i, r in enumerate(search.rounds, 1)]
+    if best is not found_best:
+        path.append(Visit("the most evidence, but a part of it is as good", found_best.fitted))
     law, law_odds, inflation = None, -math.inf, best.inflation
     doubtful = len(best.effects) > 1 or (bool(best.names) and not search.is_settled(best))
     if last.significant or doubtful:
@@ -146,17 +150,30 @@ def repair(
     found = {"sets": _explanations(ranked, law_odds, total, search.criteria), "alone": _alone(search, best)}
     if not best.names:
         return RepairResult((base,), law=law, path=tuple(path), **found)
-    path.append(Visit("the most evidence", last.fitted, last.p))
+    path.append(Visit("the most evidence" if best is found_best else "this part", last.fitted, last.p))
     if why := _refutation(last, law_odds, estimated):
         path.append(Visit(f"taken back: {why}", base.fitted, base.p))
         if law is None:
             law = learn_law(base.fitted, searcher, progress)
         return RepairResult((base,), removed=tuple(sorted(best.effects)), law=law, path=tuple(path), **found)
     rivals = [one.model for one in ranked if one.model is not None and _is_rival(one, best, search.criteria)]
+    rivals = [model for model in rivals if not any(other.effects < model.effects for other in rivals)]
     return RepairResult(
         (base, last), _steps(search, best, ranked, total), (), _alternatives(search, best, rivals),
         tuple(model.fitted for model in rivals), path=tuple(path), **found,
     )  # fmt: skip
+
+
+def _simplest(search: ModelSearch, best: Model) -> Model:
+    """The smallest part of the best set that leaves only noise, and that the data do not tell from it; else the best.
+
+    Names are then those that the data ask for. Of something and nothing, the evidence alone decides.
+    """
+    least = search.log_evidence(best, best.inflation) - search.criteria.equivalent_log_odds
+    parts = [m for m in search.models.values() if m.modes and frozenset() < m.effects < best.effects]
+    odds = {m.names: search.log_evidence(m, best.inflation) for m in parts}
+    near = sorted((m for m in parts if odds[m.names] > least), key=lambda m: (len(m.effects), -odds[m.names]))
+    return next((m for m in near if not search.examined(m).significant), best)
 
 
 def _refutation(last: ExaminedModel, law_odds: float, estimated: tuple[bool, ...]) -> str:

@@ -12,7 +12,7 @@ from scipy.stats import multivariate_t
 from cradle_env.cradle import Cradle
 from cradle_env.release import Release
 from identification import diagnose
-from identification.diagnosis.criteria import FIRST_PERIODS, HORIZON_GROWTH, LAST_SHARE
+from identification.diagnosis.criteria import FIRST_PERIODS, HORIZON_GROWTH, LAST_SHARE, Criteria
 from identification.diagnosis.selection.candidates import list_candidates, parameter_of, starts
 from identification.diagnosis.selection.continuation import Basin, EarlyMisfit, Minimum, horizons
 from identification.diagnosis.selection.evidence import LaplaceTerms, PriorTerms, log_prior
@@ -28,7 +28,7 @@ from identification.inference.start_points import point_at
 from identification.inference.unknowns import model_unknowns
 from tests.reference.laboratory import record, write_experiment
 from tests.reference.soft_contact import SoftCradle
-from tests.synthetic import simulated_run
+from tests.synthetic import leave_candidates, simulated_run
 
 DRAG = {"quadratic_drag": {"c2": 6e-3}}
 FRICTION = {"pivot_friction": {"tau_c": 6e-5}}
@@ -245,3 +245,16 @@ def test_what_is_hidden_is_named_and_nothing_else(hidden):
     best = max(sets, key=lambda one: one.probability)
     assert best.effects == tuple(sorted(hidden)) and best.kind == ("set" if hidden else "nothing")
     assert best.probability > 0.5
+
+
+def test_a_part_of_the_best_set_is_named_if_the_data_do_not_ask_for_the_rest(monkeypatch):
+    """Two effects, each of which the data ask for. Only where far less evidence counts as equal, and what one of them
+    leaves as noise, is the other one not named."""
+    leave_candidates(monkeypatch, *PAIR)
+    for criteria, count in (
+        (Criteria(equivalent_log_odds=1e6), 2),
+        (Criteria(equivalent_log_odds=1e6, significance_level=1e-3), 1),  # no p is less than 1/401
+    ):
+        diagnosis = diagnose(pendulum(PAIR), criteria=criteria)
+        names = diagnosis.effects or diagnosis.repaired.removed  # held-out data refute one alone
+        assert len(names) == count
