@@ -167,6 +167,14 @@ def test_one_bob_hidden_for_a_while(tmp_path, good, capsys, small_grid):
     assert warning in (tmp_path / "report.html").read_text(encoding="utf-8")
 
 
+def test_one_wrong_reading(tmp_path, good):
+    """What is said is about this reading, not about all before it."""
+    message = slips(tmp_path, tracking_jump(tracking_jump(good, 2, 0.3, 4.0), 2, -0.3, 4.01))
+    assert message.startswith("run1.csv, line 242, t = 4 s, bob 2: this reading is off by +0.")
+    assert message.endswith("leave it empty")
+    assert float(message.partition("off by ")[2].split()[0]) == pytest.approx(0.3, abs=4e-3)  # 4 × noise
+
+
 @pytest.mark.parametrize("size", [0.01, pytest.param(-0.05, marks=pytest.mark.slow)])
 def test_a_tracker_that_slips(tmp_path, good, size):
     """Ten and fifty times the noise, from the middle of the run on."""

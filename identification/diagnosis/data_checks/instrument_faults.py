@@ -258,14 +258,20 @@ def _message(fault: InstrumentFault, run: Run) -> str:
             f" {frames} frame{'s' if frames > 1 else ''} of {1e3 * spacing:.3g} ms, as if the camera dropped"
             f" {'them' if frames > 1 else 'one'}; add that to the times from this row on, or set fit_to before it"
         )
-    where = f"{begin}, bob {fault.bob + 1}: the readings"
+    where = f"{begin}, bob {fault.bob + 1}:"
+    if fault.last == fault.first + 1:
+        off = "where no motion leads" if math.isnan(fault.size) else f"off by {_size(fault, run)}"
+        return f"{where} this reading is {off}, as if the tracker slipped; leave it empty"
     end = f"{run.place(fault.last - 1, fault.bob)}, t = {run.times[fault.last - 1]:.6g} s"
     own = np.flatnonzero(run.fitted & ~np.isnan(run.readings[:, fault.bob]))
-    lasting = "from here on" if fault.last > own[-1] else f"up to {end},"
+    which = f"the readings {'from here on' if fault.last > own[-1] else f'up to {end},'}"
     if math.isnan(fault.size):
-        return f"{where} {lasting} are where no motion leads, as if the tracker lost the bob; leave them empty"
-    size = f"{fault.size / run.scale:+.3g} {run.unit}"
+        return f"{where} {which} are where no motion leads, as if the tracker lost the bob; leave them empty"
     return (
-        f"{where} {lasting} are shifted by {size}, as if the tracker slipped;"
+        f"{where} {which} are shifted by {_size(fault, run)}, as if the tracker slipped;"
         f" subtract that from them, or leave them empty"
     )
+
+
+def _size(fault: InstrumentFault, run: Run) -> str:
+    return f"{fault.size / run.scale:+.3g} {run.unit}"
