@@ -95,7 +95,7 @@ class RepairResult:
     sets : tuple of Explanation
         What may be missing; the probabilities sum to one.
     alone : tuple of Refit
-        Each candidate alone, if it was fitted, the most evidence first.
+        Each candidate alone, if it was fitted to its end, the most evidence first.
     path : tuple of Visit
         All that was done, in order.
     """
@@ -219,11 +219,11 @@ def _is_rival(one: Ranked, best: Model, criteria: Criteria) -> bool:
 
 
 def _alone(search: ModelSearch, best: Model) -> tuple[Refit, ...]:
-    """Each candidate alone, added to the base."""
+    """Each candidate alone, added to the base; those that were far behind the best were not fitted to their end."""
     base, found = search.models[frozenset()], []
     for candidate in search.candidates:
         model = search.models.get(frozenset({candidate.label}))
-        if model is not None and model.modes:
+        if model is not None and model.modes and model.is_finished:
             odds = search.log_evidence(model, best.inflation) - search.log_evidence(base, best.inflation)
             found.append(Refit(candidate, model.fitted, base.chi2 - model.chi2, odds))
     return tuple(sorted(found, key=lambda refit: -refit.log_evidence))

@@ -31,7 +31,8 @@ Names = frozenset[str]
 class Model:
     """A set of candidates, the effects that they bring, and the modes, the best first.
 
-    What was only approached is not finished. store: keeps what was found, so that an interrupted search goes on.
+    is_finished: whether what was near the best was followed to its modes, and not only approached. store: keeps what
+    was found, so that an interrupted search goes on.
     """
 
     names: Names
@@ -39,6 +40,7 @@ class Model:
     likelihood: Likelihood
     store: FitCache
     modes: list[Minimum] = field(default_factory=list)
+    is_finished: bool = False
     _approached: list[Minimum] = field(default_factory=list)
     _fitted: FitResult | None = None
     _terms: LaplaceTerms | None = None
@@ -96,6 +98,7 @@ class Model:
 
     def finish(self) -> None:
         """Follows what was approached to its modes, and the best of them on across jumps of the readings."""
+        self.is_finished = True
         limit = self.chi2 + MAX_DISTANCE * self.unit
         near, self._approached = [one.point for one in self._approached if one.chi2 < limit], []
 
