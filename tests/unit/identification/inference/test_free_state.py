@@ -47,7 +47,7 @@ def test_priors_hold_strings_new_and_worn_in(start):
 def test_the_truth_lies_within_the_errors(begin, start, angle):
     """Strings that still wear in (tension over that of new ones 0.75 at 1 s from where they hang) and worn ones (0.5),
     of the soft reference, stated values off by up to a tenth."""
-    film = record(SoftCradle(2, stiffness_factor=1e4, **TRUTH), {2: angle}, start, duration=begin + 15.0, noise=NOISE,
+    film = record(SoftCradle(2, stiffness_factor=1e4, **TRUTH), {2: angle}, start, duration=begin + 10.0, noise=NOISE,
                   seed=int(10 * begin))  # fmt: skip
     late = film.times >= begin
     run = Run(film.times[late], film.readings[late], state="free", noise=NOISE, fit_from=begin)
