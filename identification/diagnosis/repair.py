@@ -5,7 +5,7 @@
 2. If that is no single effect that leaves hardly more than noise, a law learned from the base competes with it, by the
    same evidence.
 3. Held-out data can refute names, but choose none.
-4. If the model that is left leaves more than noise, a law describes what is left.
+4. If names are refuted, or the model leaves more than noise, a law describes what is missing.
 """
 
 from __future__ import annotations

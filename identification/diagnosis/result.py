@@ -167,12 +167,10 @@ class Diagnosis:
     @functools.cached_property
     def detection_limits(self) -> tuple[DetectionLimit, ...]:
         """How strong each absent effect can be unnoticed; () if the model does not describe the data."""
+        if self.repaired.lacks_a_name:
+            return ()
         last = self.repaired.last
-        return (
-            ()
-            if self.repaired.lacks_a_name
-            else compute_detection_limits(last.fitted, last.score_test.scores, self.cache)
-        )
+        return compute_detection_limits(last.fitted, last.score_test.scores, self.cache)
 
     def model_toml(self) -> str:
         """The repaired model as a [model] table with its parameters, and the cradle's own unknowns as comments."""

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-
 from identification.inference.fit_result import FitResult
 from identification.inference.noise_model import rms
 from identification.inference.unknowns import SEARCH_WIDTHS
@@ -43,7 +41,7 @@ def _warn_of_bounds(fitted: FitResult) -> list[str]:
             low, high = math.log(u.low), math.log(u.high)
             if min(z - low, high - z) < _AT_BOUND * (high - low):
                 warnings.append(
-                    f"{u.name} is {format_number(float(np.exp(z)))} {u.unit}, at a bound of its search, which is from"
+                    f"{u.name} is {format_number(float(u.value(z)))} {u.unit}, at a bound of its search, which is from"
                     f" {format_number(u.low)} to {format_number(u.high)}; another stated value may be wrong, or state"
                     f" {u.name} closer to the truth"
                 )
