@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 
-from scipy.stats import norm
+from scipy.special import ndtri
 
 from cradle_env.errors import check_range
 from identification.inference import nonsmooth
@@ -80,7 +80,7 @@ SHAPE_SD = math.log(3.0)
 REPLICATES = 400
 
 #: Standard deviations of a normal distribution up to the bound of the held-out gap.
-_BOUND_SD = float(norm.isf(DEFAULT.predictive_chance))
+_BOUND_SD = -float(ndtri(DEFAULT.predictive_chance))
 
 
 @dataclass(frozen=True)

@@ -111,7 +111,7 @@ def energy_figure(diagnosis: Diagnosis) -> Figure:
 def candidates_figure(diagnosis: Diagnosis) -> Figure:
     """Plot by how much each candidate lowers χ²: predicted to first order, and after its refit."""
     from matplotlib.figure import Figure
-    from scipy.stats import chi2
+    from scipy.special import chdtri
 
     first = diagnosis.repaired.examined[0]
     gained = {refit.candidate: refit.gain for refit in diagnosis.repaired.alone}
@@ -126,7 +126,7 @@ def candidates_figure(diagnosis: Diagnosis) -> Figure:
             axes.plot(
                 max(gained[s.candidate], 0.5), y, marker="D", color=RED, markersize=5.0, linestyle="", fillstyle="none"
             )
-    axes.axvline(float(chi2.isf(10.0**-threshold, 1)), color=GREY, linestyle="--")
+    axes.axvline(float(chdtri(1, 10.0**-threshold)), color=GREY, linestyle="--")
     axes.plot([], [], marker="o", color=BLUE, linestyle="", label="predicted to first order")
     axes.plot([], [], marker="D", color=RED, linestyle="", fillstyle="none", label="refitted")
     axes.plot([], [], color=GREY, linestyle="--", label="maximum of 95 % of replicates")

@@ -6,8 +6,7 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.special import comb
-from scipy.stats import chi2
+from scipy.special import chdtri, comb
 
 from identification.experiment.run import Run
 
@@ -55,7 +54,7 @@ def noise_gap_bound(
         return 1.0
     scatter = sum(n * (f**2 + 1.0) / (2.0 * f) for n, f in zip(counts, inflations or [1.0] * len(counts), strict=True))
     count = sum(counts) ** 2 / scatter
-    return math.sqrt(chi2.isf(0.01, count) / count)
+    return math.sqrt(chdtri(count, 0.01) / count)
 
 
 def estimate_noise(run: Run) -> float:

@@ -7,12 +7,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
-import emcee
 import numpy as np
 
-from identification.inference.checkpoint import Chains
 from identification.inference.search_options import DEFAULT, SearchOptions
+
+if TYPE_CHECKING:
+    from identification.inference.checkpoint import Chains
 
 #: Fewest steps after burn-in for which the halves of a chain are compared.
 _LEAST_STEPS = 4
@@ -88,6 +90,8 @@ def _autocorrelation_time(series: np.ndarray) -> float:
 
     For a walker that never moved, it is the length of the chain.
     """
+    import emcee  # brings scipy.stats, too: most commands need not wait for it
+
     slowest = 1.0
     for ensemble in series:
         with np.errstate(invalid="ignore"):

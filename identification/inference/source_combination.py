@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 from scipy.optimize import least_squares
-from scipy.stats import chi2, norm
+from scipy.special import chdtrc, ndtri
 
 from cradle_env.effects import effect
 from cradle_env.parameter_name import ParameterName
@@ -154,7 +154,7 @@ class Combination:
         if len(pair) > 1:  # what a source does not explain by itself is no difference from another one
             squares -= sum(self.fit([one])[0] for one in pair)
             freedom -= sum(self._freedom([one], at) for one in pair)
-        return float(chi2.sf(max(squares, 0.0), freedom)) if freedom > _LEAST_FREEDOM else None
+        return float(chdtrc(freedom, max(squares, 0.0))) if freedom > _LEAST_FREEDOM else None
 
     def _freedom(self, sources: Iterable[Source], at: np.ndarray) -> float:
         """Residuals less the unknowns that they determine, beside the priors."""
@@ -197,8 +197,6 @@ def _of_instrument(u: Unknown) -> bool:
 
 def _statistics(u: Unknown, z: float, sd: float) -> dict[str, Any]:
     """Statistics of an unknown whose sampled coordinate is normal."""
-    low95, low68, median, high68, high95 = (
-        float(u.value(z + sd * norm.ppf(q))) for q in (0.025, 0.16, 0.5, 0.84, 0.975)
-    )
+    low95, low68, median, high68, high95 = (float(u.value(z + sd * ndtri(q))) for q in (0.025, 0.16, 0.5, 0.84, 0.975))
     spread = median * math.exp(0.5 * sd**2) * math.sqrt(math.expm1(sd**2)) if u.log else sd
     return {"median": median, "sd": spread, "ci68": [low68, high68], "ci95": [low95, high95]}

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.optimize import least_squares
-from scipy.stats import chi2
+from scipy.special import chdtrc
 
 from cradle_env.cradle import Cradle
 from identification.apparatus.impacts.chain import MOST, dissipation, duration, passed_on
@@ -93,7 +93,7 @@ def fit(
         for step in _STEP * np.eye(len(free))
     ])  # fmt: skip
     squares, freedom = float(residuals @ residuals), len(residuals) - len(free)
-    too_large = freedom > 0 and chi2.sf(squares, freedom) < _IMPROBABLE
+    too_large = freedom > 0 and chdtrc(freedom, squares) < _IMPROBABLE
     widened = float(np.sqrt(squares / freedom)) if too_large else 1.0
     covariance = np.linalg.pinv(jacobian.T @ jacobian) * widened**2 * np.outer(scale, scale)
     A = dissipation(float((unit * scale)[0]), cradle.k_el, cradle.mass, speeds)

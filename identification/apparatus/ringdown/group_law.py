@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import chdtrc
 
 from identification.experiment.constraint import neighbours
 
@@ -41,7 +41,7 @@ def group_law(groups: Mapping[int, tuple[float, float]]) -> GroupLaw | None:
     covariance = np.linalg.inv(basis.T @ basis)
     b, growth = covariance @ basis.T @ (values / spreads)
     squares, free = float(np.sum((basis @ [b, growth] - values / spreads) ** 2)), len(bobs) - 2
-    p = float(chi2.sf(squares, free)) if free else np.nan
+    p = float(chdtrc(free, squares)) if free else np.nan
     if free:
         covariance = covariance * max(1.0, squares / free)
     turn = np.array([[1.0, 0.0], [-growth / b**2, 1.0 / b]])

@@ -14,8 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.polynomial.legendre import legvander
-from scipy.special import gammaln
-from scipy.stats import chi2
+from scipy.special import chdtrc, gammaln
 
 from identification.diagnosis.residuals.periodogram import count_independent, frequency_grid, line_power
 from identification.diagnosis.residuals.windows import Window, model_motions, start_state_windows, window_edges
@@ -147,7 +146,7 @@ def chi2_log_tail(statistic: np.ndarray | float, degrees: int) -> np.ndarray:
     (Abramowitz and Stegun, 6.5.32).
     """
     x = np.asarray(statistic, dtype=float)
-    near = chi2.logsf(np.minimum(x, degrees + 600.0), degrees)
+    near = np.log(chdtrc(degrees, np.clip(x, 0.0, degrees + 600.0)))
     far = np.maximum(x, degrees + 600.0)
     tail = (degrees / 2 - 1) * np.log(far / 2) - far / 2 - gammaln(degrees / 2) - np.log1p(-(degrees - 2) / far)
     return np.where(x < degrees + 600.0, near, tail)

@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from scipy.stats import chi2 as chi2_distribution
+from scipy.special import chdtri
 
 from cradle_env.effects import LEARNED
 from cradle_env.parameter_name import ParameterName
@@ -74,7 +74,7 @@ def _modes_along(fitted: FitResult, i: int, chance: float) -> np.ndarray:
         rungs[:, :-1],
         np.clip((rungs[:, -1] - fitted.chi2) / fitted.effective_sample.inflation, 0.0, _IMPOSSIBLE),
     )
-    single, enough = (float(chi2_distribution.isf(chance / n, 1)) for n in (1, len(rungs)))
+    single, enough = (float(chdtri(1, chance / n)) for n in (1, len(rungs)))
     if has_impact_order(fitted.cradle):
         jumps = impact_order_chi2(
             fitted.likelihood,

@@ -16,7 +16,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.interpolate import PchipInterpolator
-from scipy.stats import truncnorm
 
 from cradle_env.effects import Parameter
 from cradle_env.threads import in_threads
@@ -175,6 +174,8 @@ def _strength_limit(
 
     The limit is None if the data do not constrain the effect within its bounds.
     """
+    from scipy.stats import truncnorm
+
     S, limit, inflation = sensitivity.S[:, 0], math.nan, fitted.effective_sample.inflation
     for _ in range(_SECANT_ROUNDS):  # secants, for an effect that grows as a square, such as blur
         remaining = fitted.project(S)

@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import norm, truncnorm
+from scipy.special import ndtri
 
 from cradle_env.threads import in_threads
 from identification.diagnosis.selection.fit_cache import PointCache, compute_uncached, fit_key
@@ -20,7 +20,7 @@ from identification.inference.linear_algebra import on_one_thread
 #: Probabilities below the median and below the two ends of an interval.
 _QUANTILES = 0.5, 0.025, 0.975
 #: Standard deviations from the mode to the end of an interval of a normal distribution.
-_END_SD = float(norm.ppf(_QUANTILES[2]))
+_END_SD = float(ndtri(_QUANTILES[2]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,6 +43,8 @@ def compute_intervals(fitted: FitResult, cache: PointCache = compute_uncached) -
 
     cache: of the ends of profiles and of the alternative modes.
     """
+    from scipy.stats import truncnorm  # half a second for which other commands need not wait
+
     deviations = np.sqrt(np.maximum(np.diag(fitted.covariance), 1e-300))
     others, widths = find_alternative_modes(fitted, 2.0 * _QUANTILES[1], cache)
     smooth, shapes = not has_impact_order(fitted.cradle) and not fitted.has_learned_law, shape_unknowns(fitted)
