@@ -90,6 +90,8 @@ class RepairResult:
         Sets that complete the other steps equally well, the chosen one first; () without doubt.
     others : tuple of FitResult
         The models with the other sets.
+    modes : tuple of FitResult
+        Other modes of the repaired model; () if a law was learned.
     law : LearnedLaw or None
         What was learned of what the last model leaves.
     sets : tuple of Explanation
@@ -105,6 +107,7 @@ class RepairResult:
     removed: tuple[str, ...] = ()
     alternatives: tuple[tuple[Candidate, ...], ...] = ()
     others: tuple[FitResult, ...] = ()
+    modes: tuple[FitResult, ...] = ()
     law: LearnedLaw | None = None
     sets: tuple[Explanation, ...] = ()
     alone: tuple[Refit, ...] = ()
@@ -149,7 +152,8 @@ def repair(
     total = float(np.logaddexp.reduce([law_odds, *(one.log_odds for one in ranked)]))
     found = {"sets": _explanations(ranked, law_odds, total, search.criteria), "alone": _alone(search, best)}
     if not best.names:
-        return RepairResult((base,), law=law, path=tuple(path), **found)
+        modes = best.other_modes if law is None else ()
+        return RepairResult((base,), modes=modes, law=law, path=tuple(path), **found)
     path.append(Visit("the most evidence" if best is found_best else "this part", last.fitted, last.p))
     if why := _refutation(last, law_odds, estimated):
         path.append(Visit(f"taken back: {why}", base.fitted, base.p))
@@ -160,7 +164,7 @@ def repair(
     rivals = [model for model in rivals if not any(other.effects < model.effects for other in rivals)]
     return RepairResult(
         (base, last), _steps(search, best, ranked, total), (), _alternatives(search, best, rivals),
-        tuple(model.fitted for model in rivals), path=tuple(path), **found,
+        tuple(model.fitted for model in rivals), best.other_modes, path=tuple(path), **found,
     )  # fmt: skip
 
 

@@ -57,6 +57,8 @@ class Diagnosis:
         About the readings, about effects taken out of the model, and about criteria that are not the defaults.
     others : tuple of FitResult
         Models that fit as well as the repaired one, fitted to all readings.
+    modes : tuple of FitResult
+        Other modes of the last model, fitted to all readings.
     cache : callable
         Keeps computed limits, so that an interrupted report goes on.
 
@@ -76,6 +78,7 @@ class Diagnosis:
     seed: int
     warnings: tuple[str, ...] = ()
     others: tuple[FitResult, ...] = ()
+    modes: tuple[FitResult, ...] = ()
     cache: PointCache = compute_uncached
 
     @property
@@ -152,7 +155,7 @@ class Diagnosis:
 
         Those of the cradle's own unknowns cover all equivalent models.
         """
-        result = compute_intervals(self.final, self.cache)
+        result = compute_intervals(self.final, self.cache, self.modes)
         for other in (compute_intervals(other, self.cache) for other in self.others):
             for name in (name for name in result if name in other and ParameterName.parse(name).is_of_cradle):
                 low, high = zip(result[name].ci95, other[name].ci95, strict=True)

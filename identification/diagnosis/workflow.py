@@ -97,10 +97,11 @@ def diagnose(
     doubts = warn_of_stated_values(repaired.last.fitted)
     warnings = (*criteria.changes(), *warnings, *doubts, *describe_removed_effects(base, given))
     progress("advise", 0.0, "the next experiment")
-    final = searcher.fit_all_data(repaired.last.fitted if repaired.law is None else repaired.law.fitted)
+    last = repaired.last.fitted if repaired.law is None else repaired.law.fitted
+    final, *modes = sorted(map(searcher.fit_all_data, (last, *repaired.modes)), key=lambda fit: fit.chi2)
     others = [searcher.fit_all_data(fitted) for fitted in repaired.others]
     advice = _advise(repaired, others, searcher, seed, progress)
-    return Diagnosis(experiment, repaired, final, advice, seed, warnings, tuple(others), store.point)
+    return Diagnosis(experiment, repaired, final, advice, seed, warnings, tuple(others), tuple(modes), store.point)
 
 
 def _advise(

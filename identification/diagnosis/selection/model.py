@@ -22,6 +22,7 @@ from identification.inference.fit_result import FitResult
 from identification.inference.least_squares import cost
 from identification.inference.likelihood import Likelihood
 from identification.inference.nonsmooth import descend
+from identification.inference.start_points import flatten_values, point_at
 
 #: Labels of candidates.
 Names = frozenset[str]
@@ -68,6 +69,11 @@ class Model:
         return self._fitted
 
     @property
+    def other_modes(self) -> tuple[FitResult, ...]:
+        """The other modes as fits."""
+        return tuple(FitResult(self.likelihood, mode.point) for mode in self.modes[1:])
+
+    @property
     def terms(self) -> LaplaceTerms:
         """What its evidence needs."""
         if self._terms is None:
@@ -97,19 +103,28 @@ class Model:
         self._add(near)
 
     def finish(self) -> None:
-        """Follows what was approached to its modes, and the best of them on across jumps of the readings."""
+        """Follows what was approached to its modes, and the best of them on across jumps of the readings.
+
+        A row of bobs and its mirror image swing nearly alike: the best is tried with the row reversed, too.
+        """
         self.is_finished = True
         limit = self.chi2 + MAX_DISTANCE * self.unit
-        near, self._approached = [one.point for one in self._approached if one.chi2 < limit], []
+        near, self._approached = [one for one in self._approached if one.chi2 < limit], []
 
         def find() -> list[Minimum]:
-            found = refine_all(self.likelihood, near, FINAL_EVALUATIONS)
+            found = refine_all(self.likelihood, [one.point for one in near], FINAL_EVALUATIONS)
+            reversed_row = [_reverse_row(self.likelihood, one.point) for one in found[:1]]
+            found += refine_all(self.likelihood, [p for p in reversed_row if p is not None], FINAL_EVALUATIONS)
+            found.sort(key=lambda one: one.chi2)
             if found and (reached := descend(self.likelihood, found[0].point)) is not found[0].point:
                 found[0] = Minimum(reached, cost(self.likelihood, reached))
-            return found
+            basins = distinct_basins(self.likelihood, found, unit_of_chi2(self.likelihood, found[0].chi2))
+            return [basin.minimum for basin in basins]
 
         if near:
-            self._add(self._stored(f"finished {[point.tolist() for point in near]}", find))
+            found = self._stored(f"finished {[one.point.tolist() for one in near]}", find)
+            self.modes = [mode for mode in self.modes if mode not in near]
+            self._add(found)
 
     def finish_from(self, start: np.ndarray) -> None:
         """Finishes it from a point (D,) too, unless that lies in the basin of the best mode."""
@@ -132,3 +147,14 @@ class Model:
         key = fit_key(what, self.likelihood.experiment)
         rows = self.store.point(key, lambda: np.array([[*one.point, one.chi2] for one in find()]).ravel())
         return [Minimum(row[:-1], float(row[-1])) for row in rows.reshape(-1, len(self.likelihood.names) + 1)]
+
+
+def _reverse_row(likelihood: Likelihood, point: np.ndarray) -> np.ndarray | None:
+    """The point (D,) with the values of each bob or gap in reverse order; None if all are alike."""
+    values = likelihood.values(point)
+    there = dict(values)
+    for name, own in likelihood.cradle(values).effects.items():
+        several = {key: value[::-1] for key, value in own.items() if isinstance(value, tuple)}
+        there |= flatten_values(name, several)
+    reversed_row = point_at(likelihood, there)
+    return None if np.array_equal(reversed_row, point) else reversed_row

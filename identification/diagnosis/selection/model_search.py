@@ -115,6 +115,7 @@ class ModelSearch:
             if chosen is None:
                 break
             best = chosen
+            self._follow_again(best)
             front = [best] if self.is_settled(best) else [m for m, _ in odds[:BEAM]]
         return best
 
@@ -248,6 +249,17 @@ class ModelSearch:
 
         model.approach(f"{is_new} from {sorted(parent.names)} at {parent.fitted.point.tolist()}", find)
         return model
+
+    def _follow_again(self, model: Model) -> None:
+        """Continues a model from early data once more, from its own mode, as long as that gains a unit of χ².
+
+        Its starts had guessed strengths. With fitted ones, early data lead to modes that those starts missed.
+        """
+        before = math.inf
+        while model.chi2 < before - model.unit:
+            before, point = model.chi2, model.modes[0].point
+            model.approach(f"again from {point.tolist()}", lambda point=point: follow_early(model.likelihood, [point]))
+            model.finish()
 
     def _model(self, names: Names) -> Model:
         """The model with these candidates, not fitted if it is new; ImpossibleModelError if it cannot be."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -33,20 +34,27 @@ class Interval:
 
 
 @on_one_thread
-def compute_intervals(fitted: FitResult, cache: PointCache = compute_uncached) -> dict[str, Interval]:
+def compute_intervals(
+    fitted: FitResult, cache: PointCache = compute_uncached, modes: Sequence[FitResult] = ()
+) -> dict[str, Interval]:
     """Median and 95 % interval of each unknown, by name.
 
     1. The Laplace approximation, inflated for correlated residuals and truncated at the bounds.
     2. With fewer than three bobs χ² is smooth. There the profile likelihood replaces the intervals of the model's own
        unknowns: two that compensate each other lie on a curved ridge of χ².
-    3. Where an effect has alternative modes, the intervals cover these, too.
+    3. The intervals also cover other modes of the model: those of effects with alternative modes, and those known.
 
-    cache: of the ends of profiles and of the alternative modes.
+    cache: of the ends of profiles and of the alternative modes. modes: others that are known, none better.
     """
     from scipy.stats import truncnorm  # half a second for which other commands need not wait
 
     deviations = np.sqrt(np.maximum(np.diag(fitted.covariance), 1e-300))
     others, widths = find_alternative_modes(fitted, 2.0 * _QUANTILES[1], cache)
+    for mode in modes:
+        room = _END_SD**2 - (mode.chi2 - fitted.chi2) / fitted.effective_sample.inflation
+        if room > 0.0:  # a profile likelihood about this mode, too, χ² taken as a parabola
+            others = np.vstack([others, mode.point])
+            widths = np.vstack([widths, np.sqrt(room * np.maximum(np.diag(mode.covariance), 0.0))])
     smooth, shapes = not has_impact_order(fitted.cradle) and not fitted.has_learned_law, shape_unknowns(fitted)
     followed = [i for i, u in enumerate(fitted.likelihood.unknowns) if smooth and not u.nuisance and i not in shapes]
     steps = [(i, sign * deviations[i]) for i in followed for sign in (-1.0, 1.0)]

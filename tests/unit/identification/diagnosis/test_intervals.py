@@ -109,6 +109,25 @@ def test_of_one_unknown_alone_nothing_is_left_to_refit(tmp_path):
     assert low < fitted.values["b"] < high < 1.1 * low
 
 
+def test_intervals_cover_another_mode_that_may_be_right(tmp_path):
+    """Where χ² is 1 above the best, a normal distribution ends at √(1.96² − 1) of its deviation; where it is 4 above,
+    no part of it is within 95 %."""
+    recording = record(SoftCradle(1, strings="rigid", b=0.002), {1: 0.2}, duration=20.0, seed=3)
+    path = write_experiment(tmp_path, [recording], stated={"b": 0.0021}, base="pendulum", release={"angle_sd": 0.0})
+    fitted = fit_near(Searcher(FitCache(None, ""), 0, None), with_known_noise(Experiment.load(path)), {})
+    sd, (unknown,) = math.sqrt(fitted.covariance[0, 0]), fitted.likelihood.unknowns
+    alone = compute_intervals(fitted)["b"].ci95
+
+    def beside(rise: float) -> tuple[float, float]:
+        chi2 = fitted.chi2 + rise * fitted.effective_sample.inflation
+        mode = SimpleNamespace(point=fitted.point - 9.0 * sd, chi2=chi2, covariance=fitted.covariance)
+        return compute_intervals(fitted, modes=[mode])["b"].ci95  # type: ignore[list-item]
+
+    lowest = float(unknown.value(fitted.point[0] - (9.0 + math.sqrt(1.96**2 - 1.0)) * sd))
+    assert beside(1.0) == pytest.approx((lowest, alone[1]), rel=1e-4) and lowest < 0.95 * alone[0]
+    assert beside(4.0) == alone
+
+
 def test_an_interval_that_reaches_a_bound_ends_there(tmp_path):
     """A search stays a billionth within its bounds; friction that is absent is 0."""
     cradle = SoftCradle(1, strings="rigid", b=0.002)
