@@ -214,7 +214,8 @@ def test_a_spec_makes_it_again() -> None:
     assert same(again.reset(seed=1), env.reset(seed=1))
 
 
-@pytest.mark.parametrize("context", ["spawn", pytest.param("forkserver", marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("context", ["spawn", "forkserver"])
 def test_workers_that_start_anew(context: str) -> None:
     told = {**SHORT, **RANGES}
     env = AsyncVectorEnv([functools.partial(single_of, told)] * 2, context=context)

@@ -212,15 +212,16 @@ def test_files_of_a_diagnosis(diagnosed, tmp_path):
 
 
 def test_the_report_says_why_no_run_is_planned(nothing_found, alone_diagnosed):
-    def said(diagnosis):
-        return " ".join(render_report(dataclasses.replace(diagnosis, advice=None), diagnosis.content()).split())
+    def said(diagnosis, content):
+        return " ".join(render_report(dataclasses.replace(diagnosis, advice=None), content).split())
 
     swinging = dataclasses.replace(nothing_found.experiment.runs[0], state="free", release=None)
     unreleased = dataclasses.replace(nothing_found.experiment, runs=(swinging,))
     assert alone_diagnosed.advice is None
-    assert "λ: one bob has none to synchronize with" in said(alone_diagnosed)
-    assert "the first run states none" in said(dataclasses.replace(nothing_found, experiment=unreleased))
-    assert "could not be simulated for long enough" in said(nothing_found)
+    assert "λ: one bob has none to synchronize with" in said(alone_diagnosed, alone_diagnosed.content())
+    content = nothing_found.content()
+    assert "the first run states none" in said(dataclasses.replace(nothing_found, experiment=unreleased), content)
+    assert "could not be simulated for long enough" in said(nothing_found, content)
 
 
 def test_the_repaired_model_runs_elsewhere(diagnosed, dragged, tmp_path):

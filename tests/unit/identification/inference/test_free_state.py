@@ -41,9 +41,8 @@ def test_priors_hold_strings_new_and_worn_in(start):
     assert ratios[-1] == pytest.approx(0.5, abs=0.03)  # 1 % by the load of the swing, 2 % to go
 
 
-@pytest.mark.parametrize(
-    ("begin", "start", "angle"), [(1.0, "hanging", 0.25), pytest.param(3.0, "hanging", 0.228, marks=pytest.mark.slow)]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize(("begin", "start", "angle"), [(1.0, "hanging", 0.25), (3.0, "hanging", 0.228)])
 def test_the_truth_lies_within_the_errors(begin, start, angle):
     """Strings that still wear in (tension over that of new ones 0.75 at 1 s from where they hang) and worn ones (0.5),
     of the soft reference, stated values off by up to a tenth."""

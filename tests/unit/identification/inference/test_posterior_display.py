@@ -110,7 +110,8 @@ stub = Stub(unknowns=[Unknown("k_f", "N s m^-3/2", "k_f", 1.0), Unknown("b", "kg
 """
 
 
-@pytest.mark.parametrize("use", [pytest.param("corner_figure(stub)", marks=pytest.mark.slow), "inference_data(stub)"])
+@pytest.mark.slow
+@pytest.mark.parametrize("use", ["corner_figure(stub)", "inference_data(stub)"])
 def test_no_notice_of_arviz_reaches_the_user(use, tmp_path):
     """ArviZ 0.23 announces 1.0 once a day and home; what it has announced is noted in the cache."""
     run = subprocess.run(
