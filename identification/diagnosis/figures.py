@@ -188,7 +188,7 @@ def comparison_figure(diagnosis: Diagnosis) -> Figure:
             left.plot(t[close], unit * run.readings[rows][close, bob], ".", color=GREY, markersize=2.5)
             left.plot(t[close], unit * model[close, bob], color=colour, linewidth=0.9)
             left.set_ylabel(f"bob {bob + 1}\n[{name}]")
-            residual = (model[:, bob] - run.readings[rows][:, bob]) / before.likelihood.noise_model.scales[k]
+            residual = (run.readings[rows][:, bob] - model[:, bob]) / before.likelihood.noise_model.scales[k]
             _plot_residuals(right, t, residual, colour)
             if held_out[k].any():
                 right.axvspan(run.times[held_out[k]][0], t[-1], color=BLUE, alpha=0.08, linewidth=0)
