@@ -107,15 +107,15 @@ class ModelSearch:
             if not near:
                 break
             self.share_modes([*front, *near])
-            c = min([best, *near], key=lambda m: m.chi2).inflation
-            before = self.log_evidence(best, c)
-            odds = sorted(((m, self.log_evidence(m, c) - before) for m in near), key=lambda pair: -pair[1])
+            odds = self._log_odds(near, best)
+            if odds[0][1] > 0.0 and self._follow_again(odds[0][0]):
+                self.share_modes([*front, *near])
+                odds = self._log_odds(near, best)
             chosen = self._drop_each(odds[0][0]) if odds[0][1] > 0.0 else None
             self.rounds.append(Round(best, tuple(odds), len(children), chosen))
             if chosen is None:
                 break
             best = chosen
-            self._follow_again(best)
             front = [best] if self.is_settled(best) else [m for m, _ in odds[:BEAM]]
         return best
 
@@ -250,16 +250,21 @@ class ModelSearch:
         model.approach(f"{is_new} from {sorted(parent.names)} at {parent.fitted.point.tolist()}", find)
         return model
 
-    def _follow_again(self, model: Model) -> None:
-        """Continues a model from early data once more, from its own mode, as long as that gains a unit of χ².
+    def _log_odds(self, models: Sequence[Model], best: Model) -> list[tuple[Model, float]]:
+        """Models with their ln evidence over another one, the most first, under the inflation of the best in χ²."""
+        c = min([best, *models], key=lambda m: m.chi2).inflation
+        before = self.log_evidence(best, c)
+        return sorted(((m, self.log_evidence(m, c) - before) for m in models), key=lambda pair: -pair[1])
+
+    def _follow_again(self, model: Model) -> bool:
+        """Continues a model from early data once more, from its own mode; whether that gains a unit of χ².
 
         Its starts had guessed strengths. With fitted ones, early data lead to modes that those starts missed.
         """
-        before = math.inf
-        while model.chi2 < before - model.unit:
-            before, point = model.chi2, model.modes[0].point
-            model.approach(f"again from {point.tolist()}", lambda point=point: follow_early(model.likelihood, [point]))
-            model.finish()
+        before, point = model.chi2, model.modes[0].point
+        model.approach(f"again from {point.tolist()}", lambda: follow_early(model.likelihood, [point]))
+        model.finish()
+        return model.chi2 < before - model.unit
 
     def _model(self, names: Names) -> Model:
         """The model with these candidates, not fitted if it is new; ImpossibleModelError if it cannot be."""
