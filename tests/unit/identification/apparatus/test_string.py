@@ -40,10 +40,10 @@ def test_a_string_of_eq_4_is_found_to_be_one(tmp_path):
 @pytest.mark.parametrize(
     ("name", "machine", "truth"),
     [
-        ("exponent", {"exponent": 1.7}, 1.7),
+        pytest.param("exponent", {"exponent": 1.7}, 1.7, marks=pytest.mark.slow),
         ("curvature", {"stiffening": 15.0}, 15.0),
         ("creep", {"creep": 4e-5}, 4e-5),
-        ("backlash", {"backlash": 6e-5}, 6e-5),
+        pytest.param("backlash", {"backlash": 6e-5}, 6e-5, marks=pytest.mark.slow),
     ],
 )
 def test_what_eq_4_does_not_say_is_found_and_named(tmp_path, name, machine, truth):

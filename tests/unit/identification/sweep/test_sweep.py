@@ -181,6 +181,7 @@ def test_bobs_that_change_places_are_told():
     assert abs(np.diff(run.r[at] * np.cos(run.theta[at]))[0]) >= 2.0 * run.cradle.radius - 1e-3
 
 
+@pytest.mark.slow
 def test_a_sweep_costs_little_more_than_its_runs():
     """A second run of each point would make it 2. Runs of 300 s: what a point costs besides is 2 ms, a tenth of one."""
     duration = 300.0
