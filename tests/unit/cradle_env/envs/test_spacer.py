@@ -36,8 +36,8 @@ def test_no_energy_from_nowhere(model: str, data, bobs: int, speed: float, seed:
     env = environment(bobs=bobs, model=model, effects=effects, spacer_speed=speed, delta_range=(-0.05, 0.2))
     actions = np.random.default_rng(seed).uniform(-1, 1, (300, 2))
     totals = [ledger(info) for _, info in driven(env, actions)]
-    # Energies between steps are interpolated by cubics, as the strings jerk after a jump of the pivots' speeds: 5e-7 J at
-    # single instants with one bob, of some 0.1 J. The speeds grow along the row, so that their sum is as N².
+    # Energies between steps are interpolated by cubics, as the strings jerk after a jump of the pivots' speeds: 5e-7 J
+    # at single instants with one bob, of some 0.1 J. The speeds grow along the row, so that their sum is as N².
     np.testing.assert_allclose(totals, totals[0], rtol=0, atol=1e-6 * bobs**2)
     assert abs(np.median(totals) - totals[0]) < (2e-6 if "pivot_friction" in effects else 5e-7)
 
