@@ -65,6 +65,7 @@ def test_stiffness_against_speed(tmp_path):
     assert inside(found.values["kappa"], 200.0)  # at the geometric mean of the speeds, 1 mm/s
 
 
+@pytest.mark.slow
 def test_play_of_the_machine_is_not_counted_as_loss_of_the_string(tmp_path):
     found = measure_string(curves(tmp_path, backlash=2e-4))  # uncorrected, 0.27 to 0.31
     assert inside(found.values["loss"], 1.0 / 3.0)

@@ -47,6 +47,7 @@ def test_centres_are_found_to_a_tenth_of_a_pixel(tmp_path, bobs):
     assert rms(errors) < CENTRES and not np.isnan(errors).any()
 
 
+@pytest.mark.slow
 def test_bobs_that_touch_are_not_seen_closer_or_farther_apart(tmp_path):
     """Rays at a neighbour are left out. With a radius a fifth of a pixel too small, centres would move apart there."""
     camera = Camera(size=(480, 240), focal=960.0, exposure=0.1)
