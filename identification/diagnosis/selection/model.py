@@ -113,10 +113,9 @@ class Model:
 
         def find() -> list[Minimum]:
             found = refine_all(self.likelihood, [one.point for one in near], FINAL_EVALUATIONS)
-            reversed_row = [_reverse_row(self.likelihood, one.point) for one in found[:1]]
-            found += refine_all(self.likelihood, [p for p in reversed_row if p is not None], FINAL_EVALUATIONS)
+            found += refine_all(self.likelihood, _reversed_row(self.likelihood, found[0].point), FINAL_EVALUATIONS)
             found.sort(key=lambda one: one.chi2)
-            if found and (reached := descend(self.likelihood, found[0].point)) is not found[0].point:
+            if (reached := descend(self.likelihood, found[0].point)) is not found[0].point:
                 found[0] = Minimum(reached, cost(self.likelihood, reached))
             basins = distinct_basins(self.likelihood, found, unit_of_chi2(self.likelihood, found[0].chi2))
             return [basin.minimum for basin in basins]
@@ -149,12 +148,11 @@ class Model:
         return [Minimum(row[:-1], float(row[-1])) for row in rows.reshape(-1, len(self.likelihood.names) + 1)]
 
 
-def _reverse_row(likelihood: Likelihood, point: np.ndarray) -> np.ndarray | None:
-    """The point (D,) with the values of each bob or gap in reverse order; None if all are alike."""
+def _reversed_row(likelihood: Likelihood, point: np.ndarray) -> list[np.ndarray]:
+    """The point (D,) with the values of each bob or gap in reverse order; none if that changes nothing."""
     values = likelihood.values(point)
-    there = dict(values)
     for name, own in likelihood.cradle(values).effects.items():
         several = {key: value[::-1] for key, value in own.items() if isinstance(value, tuple)}
-        there |= flatten_values(name, several)
-    reversed_row = point_at(likelihood, there)
-    return None if np.array_equal(reversed_row, point) else reversed_row
+        values = values | flatten_values(name, several)
+    there = point_at(likelihood, values)
+    return [] if np.array_equal(there, point) else [there]
