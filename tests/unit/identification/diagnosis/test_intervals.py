@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from scipy.stats import norm
 
+from identification import diagnose
 from identification.diagnosis.selection.candidates import with_effects
 from identification.diagnosis.selection.fit_cache import FitCache, compute_uncached
 from identification.diagnosis.selection.searcher import Searcher
@@ -26,7 +27,7 @@ from studies.diagnosis.table import ROWS
 from studies.kept_rows import read_rows
 from tests.reference.laboratory import record, write_experiment
 from tests.reference.soft_contact import SoftCradle
-from tests.synthetic import early_case
+from tests.synthetic import early_case, leave_candidates
 
 WIDTH = 0.01
 
@@ -126,6 +127,20 @@ def test_intervals_cover_another_mode_that_may_be_right(tmp_path):
     lowest = float(unknown.value(fitted.point[0] - (9.0 + math.sqrt(1.96**2 - 1.0)) * sd))
     assert beside(1.0) == pytest.approx((lowest, alone[1]), rel=1e-4) and lowest < 0.95 * alone[0]
     assert beside(4.0) == alone
+
+
+@pytest.mark.slow
+def test_a_diagnosis_covers_the_modes_that_its_search_found(tmp_path, monkeypatch):
+    """Two bobs of unequal lengths: κ makes up for what they have in common, with modes 1 above the best in χ²."""
+    leave_candidates(monkeypatch, "length_mismatch")
+    true = {"kappa": 185.0, "k_f": 17000.0, "b": 0.002}
+    cradle = SoftCradle(2, stiffness_factor=1e6, effects={"length_mismatch": {"relative": (0.0056, 0.0022)}}, **true)
+    recording = record(cradle, {2: 0.2}, duration=45.0, seed=1, noise=5e-3)
+    stated = {"kappa": 180.0, "k_f": 17500.0, "b": 0.0022}
+    diagnosis = diagnose(Experiment.load(write_experiment(tmp_path, [recording], stated=stated)))
+    (low, high), alone = diagnosis.parameters["kappa"].ci95, compute_intervals(diagnosis.final)["kappa"].ci95
+    assert low < true["kappa"] < high
+    assert high - low > 1.1 * (alone[1] - alone[0])
 
 
 def test_an_interval_that_reaches_a_bound_ends_there(tmp_path):
